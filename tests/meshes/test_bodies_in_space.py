@@ -51,7 +51,7 @@ def test_the_interface_of_two_grids_has_a_face_for_each_piece():
     mesh = bodies({"lower": cubes(7), "upper": cubes(5, ((0, 1), (0, 1), (1, 2)))})
     assert_matched(mesh)
     assert measure_part(mesh, "lower|upper") == pytest.approx(1.0, abs=1e-12)
-    # Lines at multiples of 1/7 and of 1/5: twelve places along each axis, with eleven strips between them.
+    # Multiples of 1/7 and of 1/5 divide each axis into eleven intervals.
     assert len(mesh.boundaries["lower|upper"]) == 11**2
     assert len(mesh.interfaces["lower|upper"].pairs) == 12**2
     assert mesh.n_cells == 7**3 + 5**3
@@ -98,7 +98,7 @@ def round_points(mesh):
 
 @pytest.mark.long
 def test_a_tolerance_matches_points_rounded_to_seven_digits():
-    """Round points at a plane joint, so that nodes lie beside edges, and at a cylinder with matching nodes."""
+    """Round points at a plane joint, where nodes then lie beside edges, and at a cylinder, where nodes coincide."""
     lower = round_points(cubes(3, ((-1, 2), (-1, 2), (0, 1))))
     upper = round_points(rotate(SPACE_FAMILIES["tetrahedra"](3, ((0, 1), (0, 1), (1, 2))), 0.4))
     mesh = bodies({"lower": lower, "upper": upper}, tolerance=3e-7)

@@ -55,7 +55,7 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Compare sides without tolerance, and build the mesh again by its class, which checks the cells."""
+    """Compare sides without tolerance; build the mesh again from its points and cells, which are then checked."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
@@ -166,7 +166,7 @@ def test_hexagons_are_regular_where_they_fit():
     columns, rows = 6, 4
     mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
     whole = [cell for cell in mesh.cells if len(cell) == 6]
-    assert len(whole) == 2 * columns - 1  # one of the two inner rows has six hexagons, the other five and two halves
+    assert len(whole) == 2 * columns - 1  # the two inner rows: six hexagons; five hexagons and two halves
     for cell in whole:
         sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
         np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)

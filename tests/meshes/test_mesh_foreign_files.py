@@ -222,7 +222,7 @@ def test_unsupported_decks_are_refused_with_the_cause(read_text):
 
 
 def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(read_text):
-    """Give two sets, which define surfaces of two parts, the same name, as other programs do."""
+    """Define surfaces of two parts by sets of the same name, as other programs do."""
     block = FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*ELSET, ELSET=_s, INTERNAL\n1\n*SURFACE, NAME={}\n_s, {}\n"
     parts = "".join(
         f"*PART, NAME={name}\n{block.format(name, side)}*END PART\n" for name, side in (("low", "S1"), ("up", "S3"))

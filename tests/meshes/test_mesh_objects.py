@@ -209,7 +209,7 @@ def test_conversion_to_meshio_and_back_restores_solids(name):
 
 
 def test_cells_of_meshio_may_be_numbered_in_either_direction():
-    """Both orders of nodes are in use: mirror cells of four kinds, and expect no warning about the order."""
+    """Mirror cells of four kinds, so that nodes are in the opposite order: there is no warning about the order."""
     with pytest.warns(vx.MeshWarning, match="sides are named left, front, back, bottom"):
         mesh = convert(make_four_cells())
     np.testing.assert_allclose(mesh.volumes, [0.5, 1.0, 1 / 6, 1 / 3])

@@ -22,7 +22,7 @@ FATTEST = defaultdict(
 )
 """Family -> bound on diameter^2 / area after refinement.
 
-The ratio of a square is 2, of half a square 4. The largest ratios after seven passes for eight seeds were 4.4 for
+The ratio is 2 for a square and 4 for half a square. The largest ratios after seven passes for eight seeds were 4.4 for
 hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
 """
 
@@ -112,7 +112,7 @@ def test_grading_refines_no_more_cells_than_necessary():
     mesh = vx.meshes.squares(4).refine([5])
     assert mesh.n_cells == 16 + 3
     child = np.argmin(np.hypot(*(mesh.centroids - [0.3, 0.3]).T))
-    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # also splits two neighbours: at most one node hangs on a side
+    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # splits two neighbours too: each has a hanging node already
 
 
 SOLIDS = {"tetrahedra": tetrahedra(2), "cubes": vx.meshes.cubes(2), "prisms": vx.meshes.prisms(2)}

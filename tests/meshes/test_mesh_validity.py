@@ -40,7 +40,7 @@ GEOMETRY = [
     (TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near"),
     (*make_spiral_stair(), "overlap"),
     ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
-    # The left square has node 6 in the middle of its right side. Its neighbour has no node there, or node 7, 1e-9 away.
+    # The left square has node 6 inside its right side. Its neighbour has no node there, or has node 7, off by 1e-9.
     ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
     ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 .* do not fit together there: .* a gap narrower than"),
     ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),
@@ -95,7 +95,7 @@ def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
 @pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
 def test_tiny_edges_are_valid(offset):
     """Two cells share a long edge and an edge of about 1e-12, or of about 1e-10 if the offset is not zero."""
-    tiny = 1e-12 if not offset else 1e-12 * 64  # a unit in the last place at 40 is 64 times the unit below 1
+    tiny = 1e-12 if not offset else 1e-12 * 64  # floating-point numbers near 40 are 64 times as far apart as below 1
     points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
     mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])
     assert mesh.areas.sum() == pytest.approx(2.0, rel=1e-11)

@@ -70,7 +70,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """Put a cube into another cube, and beside a cube whose nodes it does not share; let two bars cross."""
+    """Put a cube into another cube; put it beside a cube without common nodes; let two bars cross."""
     for blocks, subject in (
         (
             [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],

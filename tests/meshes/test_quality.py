@@ -72,7 +72,7 @@ CROWN = [[0, 0], [1, 0], [1, 1], [0.9, 1], [0.9, 0.1], [0.1, 0.1], [0.1, 1], [0,
 
 
 def test_cells_of_poor_quality_are_reported_with_a_warning():
-    """Use a hexagon stretched by ten, a cell that is not star-shaped, and one with an edge of 1e-5."""
+    """Use a hexagon stretched by ten, a cell that is not star-shaped, and a cell with an edge of 1e-5."""
     with pytest.warns(vx.MeshWarning, match=r"grow in 1 of 1 cells, .*star below 0.05; least 0\.043, cell 0"):
         found = make_polygon(6, 10.0).quality()
     assert found.star[0] == pytest.approx(np.sqrt(3) / 40, rel=1e-8)

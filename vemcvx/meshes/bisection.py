@@ -1,11 +1,11 @@
 """Refinement in space: local bisection of tetrahedra; global splitting of meshes with other cells.
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
-bisected through the midpoint of its own longest edge, until no edge has a node inside (M.-C. Rivara, Int. J. Numer.
-Meth. Eng. 20 (1984), 745-756). This ends: the longest edge of a cell is at least as long as its edge with a new node,
-and bisection adds only edges shorter than the longest edge. If several edges are longest, the numbers of their nodes
-determine the choice; coinciding nodes at an interface have one number here. So neighbours choose the same edge. By
-default every cell is cut at least three times: `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
+bisected in the same way, until no edge has a node inside (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
+This ends, because a bisected edge is at least as long as the edge with the new node, and longer than all edges that the
+bisection adds. If several edges are longest, the numbers of their nodes determine the choice. Coinciding nodes at an
+interface have one number here, so neighbours choose the same edge. By default every cell is bisected at least three
+times. Then `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
 
 *Other cells* are split into one part per vertex. The parts have the vertices of the cell, the midpoints of its edges,
 the centroids of its faces, and its own centroid. A cube becomes eight cubes. The new faces must be plane.
@@ -36,7 +36,7 @@ from vemcvx.meshes.polyhedra import FACES, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-OPPOSITE = [3, 2, 0, 1]  # the corner of a tetrahedron opposite to each of its faces, in the order of `FACES`
+OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face of a tetrahedron, in the order of `FACES`
 ALL_DIRECTIONS = 3  # number of bisections that halve a tetrahedron in every direction
 
 
@@ -63,7 +63,7 @@ class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection, with their origins."""
 
     corners: Ints  # (n, 4) the first three run counter-clockwise, seen from the fourth
-    parts: Ints  # (n, 4) the old boundary face opposite to each corner, by its position; -1 if there is none
+    parts: Ints  # (n, 4) position of the old boundary face opposite to each corner; -1 if there is none
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections that led from the original cell to this one
 
@@ -126,7 +126,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[P
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return `listed`, which has a value for each face of each cell, as one value for each boundary face."""
+    """Return the value of each boundary face; `listed` has the values of all faces of each cell."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
@@ -145,7 +145,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # The part at a vertex has a quadrilateral in each face at this vertex, and one through the midpoint of each edge.
+    # The part at a vertex v has a quadrilateral in each face at v, and an inner quadrilateral for each edge at v.
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

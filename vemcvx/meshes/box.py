@@ -100,7 +100,7 @@ def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> i
 
 
 def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
-    """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
+    """Return a number in [0, high), with ``closed`` in [0, high]; or raise MeshError."""
     if not (is_real(value) and (0.0 <= value < high or (closed and value == high))):
         bracket = "]" if closed else ")"
         raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
@@ -108,7 +108,7 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
 
 
 def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
-    """Return, for each axis, the ratio of the widths of the last and the first cell, or raise MeshError."""
+    """Return, for each axis, the width of the last cell divided by the width of the first; or raise MeshError."""
     given = tuple(grade) if is_list(grade) else (grade,) * dimension
     if len(given) != dimension or not all(is_real(value) and SINGLE_EPS <= value <= 1 / SINGLE_EPS for value in given):
         names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
@@ -120,7 +120,7 @@ def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the number of cells along each axis: the numbers in n, or what n or `size` implies, but at least 1.
+    """Return the number of cells along each axis, at least 1, from the argument `n` or `size` of a mesh family.
 
     Cells of the mesh family are `stretch` times as wide as squares of the same area. `each` is the largest number of
     cells into which the family splits one square or cube.
@@ -262,6 +262,6 @@ def points_to_plot(points: Floats, displacement: ArrayLike | None) -> Floats:
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
-    """Return values as an array; if they do not form one, an empty array of objects, which every check refuses."""
+    """Return values as an array; if that is impossible, an empty array of objects, which every check refuses."""
     array = plain(values)
     return np.empty(0, dtype=object) if array is None else array

@@ -27,7 +27,7 @@ class Refinement(Generic[Kind]):
     Attributes
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        The refined mesh. The parts of a cell take its position in the list of cells. Old nodes come first, then
+        The refined mesh. In the list of cells, parts stand in place of the split cell. Old nodes come first, then
         midpoints of edges, centres of faces (in space), and centres of cells. Boundaries and cell data are inherited.
     parents : (n_new_cells,) int
         The old cell that contains each new cell.
@@ -72,7 +72,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return the node at the midpoint of each edge (e, 2); coinciding midpoints get the first of their numbers."""
+    """Return the new node at the midpoint of each edge (e, 2); for coinciding edges, the node of the first of them."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

@@ -20,7 +20,7 @@ from vemcvx.meshes.polygons import corner_edges, insert_hanging, positions, rows
 from vemcvx.meshes.polyhedra import list_faces
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-NEAR_FRACTION = 0.1  # largest distance at which inner nodes move onto the line, relative to their shortest edge
+NEAR_FRACTION = 0.1  # inner nodes move onto the line up to this distance, divided by their shortest edge
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
@@ -84,7 +84,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
 
 
 def _sides(mesh: Mesh, point: ArrayLike, normal: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the points, moved onto the line if near to it, and their signed distances (n_nodes,), positive ahead."""
+    """Move points near the line onto it; return all points and their signed distances (n_nodes,), positive ahead."""
     if not isinstance(mesh, Mesh) or mesh.interfaces:
         raise MeshError("cut: give the mesh of one body, without interfaces; cut the body before joining it to others.")
     p, n = (one_point(x, mesh.points.shape[1], f"cut: {name}") for name, x in (("point", point), ("normal", normal)))

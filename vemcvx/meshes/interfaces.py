@@ -116,7 +116,7 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
 
 
 def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return, for each node in rows of one body, the coinciding node of the other body."""
+    """Return, for each node in the rows `one`, the coinciding node in the rows `other` of the second body."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -129,7 +129,7 @@ def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """Return, for each node, the first of the nodes that coincide with it (or itself); or raise MeshError."""
+    """Return, for each node, the first node at the same place; raise MeshError if partners lie apart."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]
@@ -176,6 +176,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the position in the boundary of each edge or face in `side`, rows (k, n) of nodes padded with -1."""
+    """Return the positions in the boundary of edges or faces, given as rows (k, n) of nodes padded with -1."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -14,7 +14,7 @@ is at least `LONG_SIDE` times the diameter of the cell. A long side is split onc
 there is one, else at the midpoint of the edge that contains the midpoint of the side. So an edge is split at its
 midpoint or not at all. Short sides stay whole, because splitting them would make Voronoi cells thinner and thinner.
 Consecutive short sides count as one side, or as several sides if their total length is large. If this length is below
-`LONG_SIDE` diameters, and the turns of the outline along these sides nearly cancel, they become part of a longer side.
+`LONG_SIDE` diameters, and the turns of the outline along the short sides nearly cancel, these sides join a longer side.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Sides(NamedTuple):
     first: Ints  # (n_sides,) start of each side in `order`
     order: Ints  # (n_corners,) positions in the vertices of the mesh, side after side
     lengths: Floats  # (n_sides,) divided by the diameter of the cell
-    long: Bools  # (n_sides,) sides to split: those of at least `LONG_SIDE`, and all sides of triangles
+    long: Bools  # (n_sides,) sides to split: lengths of at least `LONG_SIDE`, and all sides of triangles
 
 
 class Splitting(NamedTuple):
@@ -129,7 +129,7 @@ def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
 
 
 def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """Return a mask of the corners that remain after runs of short sides are joined (see the head of this module)."""
+    """Return a mask of the corners that remain when short sides are joined (see the head of this module)."""
     new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
     run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
     total = np.add.reduceat(sides.lengths, begin)[run]
@@ -174,7 +174,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
     shape of the cell          centre
     four long sides, convex    the mean of the four vertices; repeated refinement leads to parallelograms
-    four sides, not convex     (x_1 + x_3) / 2 if x_1 is the vertex with the right turn
+    four sides, not convex     (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells         the centroid
     other cells                the centroid if it is at least .1 diameters inside the lines of all sides; otherwise
                                the centre of the largest ball about which the cell is star-shaped (:mod:`.quality`)
@@ -203,7 +203,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of convex quadrilaterals and arrows (c, 4, 2), exactly the same whichever corner is first."""
+    """Return the centres of convex quadrilaterals and arrows (c, 4, 2); any first corner gives exactly the same."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -216,7 +216,7 @@ def _middles_of_quads(x: Floats) -> Floats:
 def _children(
     outlines: tuple[Ints, Ints], begin: Bools, split: Bools, medial: Bools, centre: Ints
 ) -> tuple[Ints, Ints, Ints]:
-    """Return offsets and vertices of the new cells, in the order of their parents, and the parents.
+    """Return offsets, vertices and parents of the new cells, sorted by parent.
 
     A part has the vertices of the outline from one midpoint to the next, and the centre if there is one. `begin` marks
     the vertices at which parts begin, and the first vertex of each cell. `split` marks cells with several parts;
@@ -278,7 +278,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask (n_corners,) of the edges that are split in a marked cell; `edge` numbers the edges."""
+    """Return a mask (n_corners,) of the edges that are split in a marked cell; `edge` has their numbers."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]

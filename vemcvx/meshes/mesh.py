@@ -71,7 +71,7 @@ class Mesh(ABC):
     _named: Mapping[str, Ints]
 
     ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
-    NUMBERED: ClassVar[Mapping[str, str]]  # array that lists nodes (faces, cells) -> "n_nodes" ("n_faces", "n_cells")
+    NUMBERED: ClassVar[Mapping[str, str]]  # array of node (face, cell) numbers -> "n_nodes" ("n_faces", "n_cells")
     PARTS: ClassVar[str]  # "edges" or "faces"
     A_PART: ClassVar[str]  # "an edge" or "a face"
 
@@ -111,7 +111,7 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,) and the nodes of each cell, once each."""
+        """Offsets (n_cells + 1,), and the nodes of each cell without repetition."""
 
     @property
     @abstractmethod
@@ -160,7 +160,7 @@ class Mesh(ABC):
 
     @property
     def _inner_outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of the sides between `neighbours`, in the order of the first cell."""
+        """Offsets and vertices of the sides between two cells, in the order of `neighbours`."""
         offsets, vertices, cells = self._sides
         return polygons.rows_in_order(offsets, vertices, np.flatnonzero(cells[:, 1] >= 0))
 
@@ -206,7 +206,7 @@ class Mesh(ABC):
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of second bodies at interfaces that coincide with `parts` of the first bodies."""
+        """Return the edges or faces of second bodies that coincide with the edges or faces `parts` of first bodies."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
@@ -236,7 +236,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return named parts in the order of the boundary, or raise MeshError; `node_map` maps given to new nodes."""
+        """Return named parts in the order of the boundary, or raise MeshError; `node_map` has the new node numbers."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -269,7 +269,7 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return the positions of edges or faces in the boundary (-1 if absent); `number` maps given to new nodes."""
+        """Return the positions of edges or faces in the boundary (-1 if absent); `number` has the new node numbers."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
@@ -282,10 +282,10 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            Returns a mask, bool (m,), for the midpoints (m, 2) of all boundary edges outside interfaces, in space for
-            the centroids (m, 3) of these faces.
+            Function of the midpoints (m, 2) of all boundary edges outside interfaces (in space: of the centroids (m, 3)
+            of boundary faces). It returns a mask, bool (m,).
         of : str, optional
-            Name of a boundary or interface: the predicate then gets only its midpoints or centroids.
+            Name of a boundary or interface; the predicate then gets only midpoints or centroids of this part.
 
         Raises
         ------
@@ -442,7 +442,7 @@ class Mesh(ABC):
         return to_object(self, library)
 
     def _replace(self, **fields: object) -> Self:
-        """Return a copy with other values of the given fields; it shares all arrays and cached results."""
+        """Return a copy with other values of the given fields; the copy shares all arrays and cached results."""
         mesh = object.__new__(type(self))
         anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
         mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})

@@ -61,7 +61,7 @@ def overlay_tilings(
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
     points, face, pieces = _split_faces(points, outline, shapes, upon.T[number[upon[0]] != number[upon[1]]], tolerance)
-    # the pieces of a face take its position in the list
+    # in the list of faces, pieces stand in place of the split face
     kept = np.setdiff1d(np.arange(len(of_face)), outer[face])
     listed = np.append(kept, outer[face])
     order = np.argsort(listed, kind="stable")
@@ -91,7 +91,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Return `rows` with more vertices: vertices of `sides` that lie on an edge of `sides` go into this edge."""
+    """Insert the vertices of `sides` into the edges of `sides` on which they lie, wherever `rows` have such an edge."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])
@@ -109,7 +109,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return the points including new ones, the sorted faces (k,) of pieces, and the places of each piece (k rows)."""
+    """Return old and new points, the face (k,) of each piece, ascending, and the places of each piece (k rows)."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -153,7 +153,7 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return the points including new ones, and the place of each corner (m, 3): one of `known` if near, or new."""
+    """Return old and new points, and the place of each corner (m, 3): a `known` place if near, else a new place."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])

@@ -40,7 +40,7 @@ def offsets_of(counts: Ints) -> Ints:
 
 
 def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """Return offsets and entries of the rows with the given numbers, in this order."""
+    """Return the offsets and entries of the rows with the numbers `order`, in this order."""
     counts = np.diff(offsets)[order]
     return offsets_of(counts), flat[spans(offsets[order], counts)]
 
@@ -100,7 +100,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return the positions of all entries, with each row rotated to begin with its first True flag, if it has one."""
+    """Return the positions of all entries after rotation: a row with True flags begins with its first True flag."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -255,7 +255,7 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
 
 def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, where point i of (n, 2) lies in the closed polygon j."""
+    """Return pairs (i, j), sorted by i, for which the point places[i] lies in the closed polygon j."""
     import shapely
 
     return tuple(shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects"))
@@ -304,7 +304,7 @@ def close_pairs(points: Floats, distance: float) -> Ints:
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Return the distance (m,) from each place (m, dim) to the nearest of the points (n, dim), and this point (m,)."""
+    """Return the distances (m,) from places (m, dim) to the nearest points, and the numbers (m,) of these points."""
     from scipy.spatial import cKDTree
 
     found: Any = cKDTree(points).query(places)
@@ -312,7 +312,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); without an area, the centroid is the first vertex."""
+    """Return signed areas (n_cells,) and centroids (n_cells, 2); if the area is 0, the centroid is the first vertex."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -324,7 +324,7 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
 
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Return signed areas (c,) and centroids (c, 2) of polygons with n vertices each, (c, n, 2)."""
+    """Return signed areas (c,) and centroids (c, 2) of polygons with the vertices (c, n, 2)."""
     c, n, _ = corners.shape
     return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
 

@@ -1,15 +1,15 @@
 """Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
 Two listed faces are the same if they have the same vertices. Faces are numbered in the order of first appearance. So
-the first cell of a face has the lower number; it also determines the order of the vertices of the face.
+the first cell of a face has the lower number; this cell also determines the order of the vertices of the face.
 
 Integrals over a face are sums over the triangles (o, x_i, x_{i+1}) from its first vertex o. With d_i = x_i - o and the
 signed areas s_i of the triangles,
 
-    area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
+    area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i.
 
-exact for plane faces, convex or not. Integrals over a cell are sums over pyramids of volume V_f, whose bases are the
-faces f, with outward area vectors a_f and centroids c_f. The apex p of all pyramids is the mean of the c_f:
+The sums are exact for plane faces, convex or not. Integrals over a cell are sums over pyramids. The base of a pyramid
+is a face f with outward area vector a_f and centroid c_f, the apex p is the mean of all c_f, and V_f is the volume:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 """
@@ -58,7 +58,7 @@ def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
 
 
 def list_faces(faces: Faces) -> FaceLists:
-    """List the faces of each cell, outwards: the inverse of `join_faces`."""
+    """List the faces of each cell, with outward normals: the inverse of `join_faces`."""
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     return FaceLists(offsets, reverse_rows(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
 
@@ -69,7 +69,7 @@ def signs_of(faces: Faces) -> Floats:
 
 
 def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
-    """Return offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
+    """Return offsets (n_cells + 1,), and the nodes of each cell, ascending without repetition."""
     rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
     keys = np.unique(cells * n_nodes + nodes)
@@ -115,7 +115,7 @@ def axes_in_planes(shapes: FaceShapes) -> Floats:
 
 
 def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
-    """Return signed volumes (n_cells,) and centroids (n_cells, 3) of cells; `signs` are those of `signs_of`."""
+    """Return signed volumes (n_cells,) and centroids (n_cells, 3) of cells; `signs` come from `signs_of`."""
     counts = np.diff(offsets)
     place = faces.centroids[cell_faces]
     apex = np.add.reduceat(place - np.repeat(place[offsets[:-1]], counts, axis=0), offsets[:-1], axis=0)

@@ -164,7 +164,7 @@ class PolyhedralMesh(Mesh):
 
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
+        """Offsets (n_cells + 1,), and the nodes of each cell, ascending without repetition."""
         offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 

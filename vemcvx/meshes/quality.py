@@ -38,7 +38,7 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
-"""Ratios below which a warning is issued. A rectangle with sides ten to one has star .05."""
+"""Ratios below which a warning is issued. A rectangle with the side ratio 10 has `star` = .05."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,7 +140,7 @@ def _along(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return, from `Walls`, the centres (c, dim) relative to centroids and the radii rho_K (c,), divided by h_K."""
+    """Return, from `Walls`, centres minus centroids (c, dim), and the radii rho_K (c,), both divided by h_K."""
     from scipy.optimize import linprog
 
     size, cells = normals.shape[1] + 1, len(offsets) - 1

@@ -93,9 +93,9 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the named sides that lie wholly on interfaces, each as boundary positions on first bodies.
+    """Return, for each named side that lies wholly on interfaces, the positions of its pieces in the boundary.
 
-    `origin` has the original edge or face of each piece of the boundary; `sides` has the names in the file.
+    Partners on first bodies replace pieces on second bodies. `origin` has the old edge or face of each boundary piece.
     """
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
@@ -112,7 +112,7 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    Like :func:`read`, this keeps order, names and data, or gives sides their default names, and checks the mesh.
+    Order, names and data are kept; without names, sides get default names; the mesh is checked: see :func:`read`.
 
     Parameters
     ----------

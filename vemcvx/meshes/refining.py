@@ -25,11 +25,11 @@ def refinement(mesh: Kind, cells: ArrayLike | None = None) -> Refinement[Kind]:
     Parameters
     ----------
     mesh : PolygonMesh or PolyhedralMesh
-        Any plane mesh, or a mesh of tetrahedra. Of other meshes in space, all cells are split or none.
+        Any plane mesh, or a mesh of tetrahedra. In other meshes in space, all cells are split or none.
     cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-        Cells to split; each tetrahedron gets at least two parts. By default all are split, and each tetrahedron gets at
-        least eight parts. In the plane, further cells are split until no side gets a second hanging node. In space,
-        neighbours of split tetrahedra are split as well, and there are no hanging nodes.
+        Cells to split; each tetrahedron gets at least two parts. By default all cells are split, and each tetrahedron
+        gets at least eight parts. In the plane, further cells are split until no side gets a second hanging node. In
+        space, neighbours of split tetrahedra are split as well, and there are no hanging nodes.
 
     Returns
     -------

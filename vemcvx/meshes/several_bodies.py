@@ -101,7 +101,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the number of each boundary piece in the old boundaries, end to end."""
+    """Return the mesh of :func:`bodies`, and the origin of each boundary piece: a position in all old boundaries."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -139,7 +139,7 @@ def join(
 
 
 def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
-    """Return a sentence for each body without an interface, with the nearest body, its distance and the place."""
+    """Return a sentence for each body without an interface: the nearest other body, the distance, and the place."""
     joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
     for body in (name for name in meshes if name not in joined):
         gaps = {other: nearest(meshes[other].points, meshes[body].points)[0] for other in meshes if other != body}
@@ -199,7 +199,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, the nodes (q,) to insert, and their boundary edges (q,), sorted by edge and along it."""
+    """Return the moved points, and nodes (q,) to insert into boundary edges (q,), in their order along each edge."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -208,7 +208,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # keep, for each node, the nearest edge of every body that has no node at its position
+    # keep, for each node and each body without a node there, the nearest edge of the body
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
@@ -297,7 +297,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
     """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket.
 
-    No unshared node, no point just outside such a node, and no point just inside a face may be in another body.
+    We test unshared nodes, points just outside these nodes, and points just inside faces: no other body contains them.
     """
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
@@ -338,7 +338,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # skip the set of a file that became this body
+                continue  # in a file, this set became the body
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

@@ -40,7 +40,7 @@ class CheckedMesh(NamedTuple):
     arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh
     interfaces: dict[str, Interface]
     node_map: Ints | None  # new number of each given node, -1 if dropped; None if no node is dropped
-    notes: list[str]  # on corrections
+    notes: list[str]  # sentences about corrections
 
 
 def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
@@ -184,7 +184,7 @@ def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> N
 
 
 def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
-    """Raise MeshError for the first outline that meets itself up to rounding; `places` (m, 2) are its corners."""
+    """Raise MeshError for the first outline that meets itself up to rounding; all corners are `places` (m, 2)."""
     import shapely
 
     polygons = outlines(places, offsets, np.arange(len(places)))

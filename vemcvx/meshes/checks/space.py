@@ -3,11 +3,11 @@
 The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
 normals are reversed and unused nodes dropped, each with a note for a warning.
 
-Each edge of a cell belongs to exactly two of its faces, which must traverse the edge in opposite directions. If they do
-not at some edge of a cell, we reverse all faces of the cell whose normals point to its middle, and check again.
+Each edge of a cell belongs to exactly two of its faces, which must traverse the edge in opposite directions. If a cell
+violates this condition, we reverse its faces with normals towards the middle of the cell, and check again.
 
-Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Cells that intersect otherwise
-are found only if the volumes of all cells add up to more than the volume of their convex hull.
+Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Other intersections are found
+only if the volumes of all cells add up to more than the volume of the convex hull of the mesh.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _check_cells(points: Floats, listed: FaceLists) -> Bools:
 
 
 def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools:
-    """Return a mask of the listed faces to reverse so that the faces of each cell agree, or raise MeshError."""
+    """Return a mask of the listed faces to reverse (see the head of this module), or raise MeshError."""
     offsets, vertices, cell_offsets = listed
     owner, face = cell_of_corner(cell_offsets), cell_of_corner(offsets)
     ends = corner_edges(offsets, vertices)
@@ -145,7 +145,7 @@ def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools
 
 
 def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
-    """Raise MeshError for the first of the listed faces `some` that is not a plane simple polygon."""
+    """Raise MeshError if a face with a number in `some` is not a plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
     shapes, face = FaceShapes(*(values[some] for values in shapes)), cell_of_corner(offsets)
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
@@ -216,8 +216,8 @@ def find_touching_faces(
 ) -> Ints:
     """Return pairs (2, k) of faces that are at most `width` apart and overlap; the smaller number comes first.
 
-    The common area is more than `part` of the area of the smaller face. If the bodies (f,) of the faces are given, the
-    faces of a pair are of different bodies.
+    The common area is more than `part` times the area of the smaller face. `body` (f,) is the body of each face; if it
+    is given, the faces of a pair belong to different bodies.
     """
     import shapely
 
@@ -247,7 +247,7 @@ RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
-    """Return a mask of the points (m, 3) inside a closed surface, by counting how often a ray leaves and enters it."""
+    """Return a mask of the points (m, 3) inside a closed surface, by counting entries and exits of a ray."""
     places, points = places @ RAY_FRAME, points @ RAY_FRAME
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]

@@ -151,7 +151,7 @@ def hexagons(
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
     # Zigzag lines separate the rows of cells. A line is a third of a row high, with two nodes per width of a cell.
-    # If k + i is even, an upright edge joins node i of line k, a high node, to node i of line k + 1, a low node.
+    # If k + i is even, an upright edge joins node i of line k (high) to node i of line k + 1 (low).
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
@@ -266,8 +266,8 @@ def nonconvex(
     ----------
     n, box, seed, size : as in `squares`
     zigzag : float
-        In [0, 1/3), so that edges do not intersect. Each inner edge becomes a zigzag line through two nodes, at one
-        and two thirds of its length; `zigzag` is their distance from the edge, divided by the width of a cell.
+        In [0, 1/3), so that edges do not intersect. Each inner edge becomes a zigzag line through two nodes, at 1/3
+        and 2/3 of its length; `zigzag` is their distance from the edge, divided by the width of a cell.
 
     Returns
     -------
@@ -288,7 +288,7 @@ def nonconvex(
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # two nodes per edge, horizontal edges first: left of the edge at one third, right of it at two thirds
+    # two nodes per edge, horizontal edges first: left of the edge at 1/3 of its length, right of it at 2/3
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
@@ -370,7 +370,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
         Increasing radii of k >= 2 circles; ``np.geomspace(a, b, k)`` gives cells of one shape. If the first radius is
         0, the domain is a disc, with triangles about the centre.
     sectors : int
-        Number of sides around the full circle or the sector; each must span less than pi.
+        Number of sides around the full circle or the sector; each side must span an angle below pi.
     angles : (float, float), optional
         Angles of the first and last ray, counter-clockwise from x, in radians; by default a full circle.
 

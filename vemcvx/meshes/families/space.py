@@ -35,8 +35,8 @@ def cubes(
     size : float
         Width of a cell, instead of n; it is rounded so that whole cells fill the box.
     grade : number or (number, number, number)
-        Width of the last cell divided by the width of the first, for all axes or for each axis; widths form a geometric
-        sequence. Only `cubes` and `tetrahedra` have this parameter.
+        Width of the last cell divided by the width of the first: a number for all axes, or one per axis. Widths form a
+        geometric sequence. Only `cubes` and `tetrahedra` have this parameter.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...]) -> tuple[Floats, Ints]:
-    """Return nodes, layer by layer, and the corners (n_cells, 8) of cells, around the bottom, then around the top."""
+    """Return nodes layer by layer, and the corners (n_cells, 8) of cells: around the bottom, then around the top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts, grades=grades)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -73,7 +73,7 @@ def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...]) -> t
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """Return the mesh of cells of one kind, from the vertices of their faces (n_cells, faces, vertices), outwards."""
+    """Return a mesh of cells of one kind; `faces` (n_cells, faces, vertices) are their outward faces."""
     cells, each, sides = faces.shape
     joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)

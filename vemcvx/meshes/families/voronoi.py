@@ -154,7 +154,7 @@ def voronoi3(
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra, the cells of Kelvin's foam; at the sides, with parts of them.
+    """Return a mesh of a box with truncated octahedra (the cells of Kelvin's foam); the sides cut some of them.
 
     Truncated octahedra are the Voronoi cells of a body-centred lattice (W. Thomson, Phil. Mag. 24 (1887), 503-514).
 
@@ -195,7 +195,7 @@ def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralM
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)
-"""Offsets and vertices of polygons, or faces of polyhedra."""
+"""Polygons as (offsets, vertices), or the faces of polyhedra."""
 MIRROR_DISTANCE = {2: 3.0, 3: 2.0}
 """Dimension -> distance from a side up to which seeds are mirrored; relaxed cells have widths of about 1."""
 
@@ -203,10 +203,10 @@ MIRROR_DISTANCE = {2: 3.0, 3: 2.0}
 def _relax(
     seed: int, count: int, size: Floats, relaxations: int, cut: Callable[[Floats, Floats, float], tuple[Floats, Cells]]
 ) -> tuple[Floats, Cells]:
-    """Return the points and Voronoi cells of random seeds in [0, size] after some of Lloyd's iterations."""
+    """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(check_whole("relaxations", relaxations, 0, 10_000) + 1):
-        # Few seeds with few images might lie on one line, and have no triangulation; so few seeds are all mirrored.
+        # Few seeds with few images might lie on one line, without a triangulation: mirror up to 50 seeds in all sides.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -237,7 +237,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return seeds with images in sides nearer than `reach`, the seed of each point, and its side (-1 for seeds)."""
+    """Return seeds, then images in sides nearer than `reach`; for each point its seed, and its side (-1 for seeds)."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -270,9 +270,9 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Return the circumcentres a + (|b|^2 J c - |c|^2 J b) / (2 b x c) of triangles (m, 3, 2).
+    """Return the circumcentres of triangles (m, 3, 2).
 
-    The sides from corner a are b and c, and J (x, y) = (y, -x).
+    With sides b, c from the first corner p, and J (x, y) = (y, -x): p + (|b|^2 J c - |c|^2 J b) / (2 b x c).
     """
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
@@ -310,7 +310,7 @@ def collapse_short_edges(
 
 
 def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Drop vertices equal to the next, rows of fewer than three vertices, unused points; also return the rows kept."""
+    """Drop repeated vertices, then rows of fewer than three vertices and unused points; also return the kept rows."""
     fresh = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
     left = counts > 2

@@ -36,7 +36,7 @@ SIDES = {
     "wedge": ("012", "354", "0143", "1254", "2035"),
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
-"""The sides S1, S2 ... of elements, by their corners."""
+"""The sides S1, S2 ... of elements; each digit is the position of a corner."""
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 KEYWORDS_WITH_FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
 Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals without blanks, options, lines of data
@@ -181,12 +181,12 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements that `word`, a number or the name of a set, adds to a set or surface `name`."""
+        """Return the nodes or elements that `word` (a number or the name of a set) stands for in the list of `name`."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # `unread` already has the types of missing elements
+            if kind == "NSET" and int(of) not in known:  # missing elements are reported by type
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:

@@ -1,6 +1,6 @@
 """Gmsh files, .msh: meshio reads points and cells; we read the names and members of physical groups.
 
-meshio keeps only one group per name and one per entity, and fails if some entities are in no group (Mesh.SaveAll).
+meshio keeps only one group per name and one group per entity. It fails if an entity is in no group (Mesh.SaveAll).
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
         for _ in range(count):
             (tag,) = take("i4", 1)
             take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the bounding box
-            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative: reversed
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative if reversed
             if dim:
                 take("i4", take(size, 1)[0])  # the bounding entities
     return groups

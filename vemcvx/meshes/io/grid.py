@@ -3,8 +3,8 @@
 A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
 are cells of the grid, too. If a named set contains cells of the mesh, a cell datum is 1 in the set and 0 outside. If
 a named set contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep
-data, the cell datum "boundary:<name>" is 1 on the lines or polygons of the boundary "<name>". All other cell data have
-on each line or polygon the value of the cell beside it.
+data, the cell datum "boundary:<name>" is 1 on the lines or polygons of the boundary "<name>". On each line or polygon,
+all other cell data have the value of the neighbouring cell.
 
 An interface of two bodies is stored as two boundaries: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
@@ -44,7 +44,7 @@ SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
 """Ends of the three edges from vertex 0, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""(Number of nodes, of faces, of triangular faces) -> kind of a solid, number of nodes of its bottom."""
+"""Numbers of (nodes, faces, triangular faces) -> (kind of the solid, number of nodes of its bottom)."""
 
 
 @dataclass
@@ -112,7 +112,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the cells of a mesh as a grid, with cell `data` and named `sides` unless these are False.
+    """Return the cells of a mesh as a grid; `data` adds the cell data, and `sides` the named boundaries.
 
     In space, list the vertices of each cell, and raise MeshError if a cell is not a tetrahedron, hexahedron, wedge or
     pyramid. With `polyhedra`, list the faces of each cell instead.
@@ -164,7 +164,7 @@ def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Int
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
         bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
-        # as all faces are outwards, one directed edge of a face leads up from each node of the bottom
+        # normals of faces point outwards, so one directed edge leads up from each node of the bottom
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):

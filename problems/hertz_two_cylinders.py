@@ -68,7 +68,7 @@ def grid(x, y):
 
 
 def mesh(n, family="graded"):
-    """Return both bodies: n cells across the half-width in the lower body, and 3n/4 in the upper one."""
+    """Return both bodies: n cells across the half-width in the lower body, and 3n/4 in the upper body."""
     below, above = coordinates(n), coordinates(max(2, 3 * n // 4))
     return vx.meshes.bodies({"lower": grid(below, -below[::-1]), "upper": grid(above, above)})
 

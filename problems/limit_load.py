@@ -120,7 +120,7 @@ def find_plate_limit(mesh):
 
 
 def picture(history):
-    """Draw the plate: friction at the limit load, and nodes that stick at .95 of it; and the limit of the footing."""
+    """Draw friction on the plate at its limit load, sticking nodes at .95 of this load, and limits of the footing."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.6), layout="constrained")

@@ -76,7 +76,7 @@ def settings_of(problem):
 
 @app.function
 def paths_of(problem):
-    """Return the load paths of a problem: all if its scene takes a `course`, else the path of its file alone."""
+    """Return the load paths of a problem: all paths if `scene` takes a `course`, else the path of the file alone."""
     takes = "course" in inspect.signature(problem.module.scene).parameters and hasattr(problem.module, "course")
     return list(PATHS) if takes else list(PATHS)[:1]
 
@@ -142,7 +142,7 @@ def height_of(history):
 
 @app.function
 def drawing(name, draw, height=3.4):
-    """Return one picture (name, figure, caption): its title is the caption, and its legend is below."""
+    """Return one picture (name, figure, caption): the title becomes the caption, the legend moves below the axes."""
     figure = new_figure(WIDTH, height)
     ax = figure.add_subplot()
     draw(ax)

@@ -95,7 +95,7 @@ def there_and_back(t):
 
 
 def straight(t):
-    """Return the place of the sole under `there_and_back`, from rest: the play operator of half width one."""
+    """Return the place of the sole under `there_and_back`, from rest: the play operator of half width 1."""
     x = there_and_back(t)[0]
     return np.array([max(x - 1.0, 0.0) if t <= 1 else min(2.0, x + 1.0), 0.0])
 

@@ -131,7 +131,7 @@ class Reference:
 
     @property
     def degenerate(self):
-        """The number of terms at their bound that do not slip."""
+        """The number of terms that are at their bounds and do not slip."""
         size, slip = (np.linalg.norm(v, axis=1) for v in (self.answer.lam, self.answer.slip))
         return int(((size >= self.answer.weights * (1 - 1e-9)) & (slip <= 1e-9 * np.abs(self.answer.y).max())).sum())
 

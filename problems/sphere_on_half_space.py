@@ -81,7 +81,7 @@ def force(history):
 
 
 def measure_contact(history, step=-1):
-    """Return the radius a of the contact, by <r^2> = 2/5 a^2 for its forces, and the largest pressure."""
+    """Return the radius a, from the mean of r^2 weighted by contact forces, 2/5 a^2; and the largest pressure."""
     contact = history.contact
     forces = contact.pressure[step] * contact.lengths
     return np.sqrt(2.5 * forces @ contact.points[:, 0] ** 2 / forces.sum()), contact.pressure[step].max()

@@ -63,7 +63,7 @@ class Case:
     """A further check, which returns the fault, or an empty string if there is none."""
     solvers: tuple[vx.Solver, ...] = SOLVERS
     beyond: bool = False
-    """True if double precision cannot certify the case: then Newton, too, may report that it cannot solve the case."""
+    """True if double precision cannot certify the case: then even Newton is allowed to report a failure."""
 
 
 @dataclass(frozen=True)

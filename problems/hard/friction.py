@@ -99,7 +99,7 @@ def between_clamps():
 
 
 def incline(degrees=30.0):
-    """Return the paper's block, rotated as a whole; it has the energies of the unrotated block."""
+    """Return the paper's block, rotated as a whole, which does not change energies."""
     turn = np.radians(degrees)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     mesh = vx.PolygonMesh(MESH.points @ R.T, MESH.cells, boundaries=MESH.boundaries)

@@ -15,7 +15,7 @@ PLAIN = voronoi(N)
 
 
 def scene(length=1.0, force=1.0):
-    """Return the paper's block with lengths times `length` and forces times `force` (the thickness stays one)."""
+    """Return the paper's block with lengths times `length` and forces times `force` (the thickness stays 1)."""
     stress = force / length
 
     def pull(x, t):

@@ -98,7 +98,7 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 # Every value between the two derivatives, here between $-1/K$ and 0: the quotient is their mean, weighted by the parts
 # of the interval on both sides. Only $-1/K$ and 0 are one-sided derivatives. Smaller intervals need not help: if the
 # kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves instead. Away
-# from a kink their difference vanishes with the interval; at the kink it remains $1/K$.
+# from a kink their difference tends to zero with the length of the interval. At the kink their difference stays $1/K$.
 #
 # </details>
 #
@@ -316,8 +316,8 @@ _figure
 
 # %% [markdown]
 # **What a measurement does not determine.** Now let the bound of each node be a parameter. A node that never slips has
-# $|\lambda_i| < w_i$ in all steps, so its column of $J$ is zero, wherever we measure. $J^T J$ is singular, and least
-# squares alone cannot determine this bound.
+# $|\lambda_i| < w_i$ in all steps. So the column of $J$ for its bound is zero, wherever we measure, $J^T J$ is
+# singular, and least squares alone cannot determine this bound.
 #
 # To determine the bounds of all nodes, we must state an assumption, for example that each bound is known up to $\pm 2$
 # beforehand. The covariance is then
@@ -358,7 +358,7 @@ for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
 # $\alpha$. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
 #
 # Friction forces $\lambda_i$ must balance the push. The columns of $N_i$ are the rigid motions of node $i$, and $f$
-# contains the work of a unit push in these motions. The bound per area is one, so $w_i$ equals the area of node $i$:
+# contains the work of a unit push in these motions. The bound per area is 1, so $w_i$ equals the area of node $i$:
 #
 # $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
 #

@@ -99,7 +99,7 @@ block_and_spring()
 #
 # If the minimum of $P$ lies at the kink, the block sticks. If not, the derivative of $P$ vanishes at the minimum: at
 # $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
-# the old one, clipped to the interval between these two positions:
+# the old position, clipped to the interval between these two positions:
 #
 # $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 
@@ -117,9 +117,9 @@ def step_by_hand(u_prev, f):
 
 
 # %% [markdown]
-# Does the clip minimise $P$, and does it solve the inequality? We compare it with 8001 other positions $v$. Both sides
-# of each comparison are sums of a few numbers below 100, each rounded to 1e-16 of its size. So differences below 1e-13
-# are rounding.
+# Does the clip minimise $P$, and does it solve the inequality? We compare the clipped position with 8001 other
+# positions $v$. Both sides of each comparison are sums of a few numbers below 100, each rounded to 1e-16 of its size.
+# So differences below 1e-13 are rounding.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)

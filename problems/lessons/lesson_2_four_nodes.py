@@ -17,8 +17,8 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Four blocks in a row are joined by springs, and a last spring ties block 4 to a wall. All springs have the stiffness
-# one. The first block is pulled. Block $i$ has the friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
+# Four blocks in a row are joined by springs, and a last spring ties block 4 to a wall. All springs have stiffness 1.
+# The first block is pulled. Block $i$ has the friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
 # lesson 1,
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\

@@ -2,7 +2,7 @@
 """# Solutions to the exercises of lesson 2, four nodes"""
 
 # %% [markdown]
-# We repeat the chain of the lesson. `march` with `Newton` is exact up to rounding. All numbers are of size one, so we
+# We repeat the chain of the lesson. `march` with `Newton` is exact up to rounding. All numbers are of size 1, so we
 # allow 1e-13.
 
 # %%

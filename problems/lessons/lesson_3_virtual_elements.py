@@ -96,7 +96,7 @@ to_coefficients, Pi = projections(pentagon)
 
 # %% [markdown]
 # Is $\Pi$ a projection? Then it leaves linear fields unchanged, and $\Pi\,\Pi = \Pi$. Products of matrices with six or
-# ten rows and entries of size one have rounding errors of about 1e-15. We allow 1e-13 in this section.
+# ten rows and entries of size 1 have rounding errors of about 1e-15. We allow 1e-13 in this section.
 
 # %%
 assert np.abs(Pi @ linear_fields(pentagon) - linear_fields(pentagon)).max() < 1e-13
@@ -113,9 +113,9 @@ print(f"Pi is a projection of rank 6 on the {len(Pi)} vertex values of a pentago
 # $$a_\omega^h(u, v) = |\omega|\; \varepsilon(\Pi u) : \mathbb C\, \varepsilon(\Pi v)
 #   + S_\omega(u - \Pi u,\; v - \Pi v).$$
 #
-# The first term is exact if one of the two fields is linear (*consistency*, (2.8)). But its rank is 3. A pentagon has
-# ten unknowns, and three independent motions are rigid. So four deformations would cost no energy: the fields with
-# $\Pi v = 0$, called *hourglass modes*.
+# The first term is exact if one of the two fields is linear (*consistency*, (2.8)). But the rank of this term is 3. A
+# pentagon has ten unknowns, and three independent motions are rigid. So four deformations would cost no energy: the
+# fields with $\Pi v = 0$, called *hourglass modes*.
 #
 # The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy need not equal the exact
 # energy, but it must be of the same size (*stability*, (2.9)). In vertex values,

@@ -19,11 +19,11 @@ def walk(loads, u=0.0, bound=w):
 
 # %% [markdown]
 # **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
-# $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ it does not depend on
-# the peak. Let $\tilde f$ be the largest load at the end of a step. The error is the difference of the end positions
-# for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest error is
-# $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step can detect this error. (`vemcvx` has an indicator
-# for it: see `missed_reversal.py` among the problems.)
+# $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ this position does
+# not depend on the peak. Let $\tilde f$ be the largest load at the end of a step. The error is the difference of the
+# end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest
+# error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step can detect this error. (`vemcvx` has an
+# indicator for this error: see `missed_reversal.py` among the problems.)
 
 
 # %%
@@ -50,7 +50,7 @@ def pull_chain(times):
 
 
 one, hundred = pull_chain([0.0, 1.0]), pull_chain(np.linspace(0.0, 1.0, 101))
-# Each of a hundred steps rounds positions of order one by about 2.2e-16, and the condition number of K is 30.
+# Each of a hundred steps rounds positions of order 1 by about 2.2e-16, and the condition number of K is 30.
 assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 
 # %% [markdown]

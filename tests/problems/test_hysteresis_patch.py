@@ -89,6 +89,6 @@ def test_conic_solvers_find_the_closed_form():
     _, _, loss = closed_form()
     for solver in (vx.Clarabel(), vx.OSQP()):
         history = vx.simulate(scene(), mesh, TIMES, solver=solver)
-        # Each step may have the error accuracy |u|_a in the energy norm, and the loss is linear in the slip.
+        # In each step the energy norm of the error may be `accuracy` times |u|_a. The loss is linear in the slip.
         scale = np.sqrt(2 * history.energy.max())
         assert abs(history.dissipated[-1] - loss[-1]) < len(TIMES) * solver.accuracy * scale * np.sqrt(loss[-1])

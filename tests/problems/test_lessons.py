@@ -101,7 +101,7 @@ def test_every_question_has_an_answer_that_unfolds(name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_title_is_shown_once(name):
-    """The title is the docstring of the file and its first cell, and the only heading of its level."""
+    """The docstring of the file is its first cell and its title, the only heading at this level."""
     first, *others = cells(name)[1:]
     number = re.match(r"lesson_(\d+)_", name).group(1)
     title = ast.literal_eval(first[1].strip())

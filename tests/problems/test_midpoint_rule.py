@@ -51,7 +51,7 @@ def test_forces_of_the_midpoint_rule_oscillate_for_ever():
 
 @pytest.mark.long
 def test_the_package_takes_the_steps_of_the_lesson():
-    """A half step of backward Euler, reflected, is a step of the midpoint rule: both solve one convex program."""
+    """A step of the midpoint rule is a half step of backward Euler, then a reflection: one convex program."""
     times = np.linspace(0, 2, 25)
     slider = vx.System(np.eye(2), lesson.from_rest, vx.Norms(np.eye(2), [1.0], block=2))
     run = vx.march(slider, times, initial=lesson.BEHIND)

@@ -72,7 +72,7 @@ def test_a_block_without_springs_creeps_at_a_constant_speed():
 
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()])
 def test_other_solvers_move_a_disc_below_a_pad_at_rest(solver):
-    """At rest all forces are balanced up to rounding: only the motion of the disc gives the first step a scale."""
+    """At rest all forces balance and give the first step no scale. The motion of the disc gives the scale."""
     times = brake.times(20)
     found, exact = (
         vx.simulate(brake.scene(), brake.mesh(2), times, initial="settled", solver=one) for one in (solver, None)

@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Here runs from equilibrium or with iterative solvers are refused: one scene in ten keeps such settings.
+            # Such scenes cannot start from equilibrium or use iterative solvers. One in ten tries, and is refused.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

@@ -7,7 +7,7 @@ has J = 0; Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with 
 gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
 
 Solvers meet such conditions up to a tolerance only. We reduce friction by the fraction MARGIN, which leaves room to
-correct the forces. We project the mechanism: B N c = 0 at sticking nodes, D N c + J'|B N c| = 0 at closed nodes.
+correct the forces. Projection of N c makes B N c = 0 at sticking nodes, and D N c + J'|B N c| = 0 at closed nodes.
 """
 
 from __future__ import annotations

@@ -258,12 +258,12 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step, by default of the step with the largest of the `stresses`, S arrays (k,)."""
+    """Return the row of a step; by default of the step at which one of the `stresses`, S arrays (k,), is largest."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps and its ends: symmetric about zero, or from zero to one side.
+    """Return a colour map for the stresses of all steps, and the ends of the map: (-top, top), (0, top) or (-top, 0).
 
     The map ends at the 99 % quantile of the stresses, because stress at the corner of a clamp is unbounded.
     """

@@ -203,9 +203,9 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_feasible_moves_a_point_beyond_a_vertex_back_to_it(seed):
-    """K = I. Two oblique bounds, with forces p > 0, meet at the answer d*; d is at a distance of about 1e-9.
+    """K = I. Two oblique bounds, with forces p > 0, meet at the answer d*; d is at about 1e-9 from d*.
 
-    With c = |d - d*|, the nearest feasible point is at most 2 c / sin(angle) away; p.(e - D d) <= (p_1 + p_2) |D| c.
+    With c = |d - d*|, the nearest feasible point is within 2 c / sin(angle) of d; p.(e - D d) <= (p_1 + p_2) |D| c.
     """
     rng = np.random.default_rng(seed)
     angle = rng.uniform(0.05, 0.95) * np.pi

@@ -48,7 +48,7 @@ def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
     All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and lam.s
-    misses w|s| by at most the gap. By theorem 2 (:mod:`vemcvx.program.certificate`) it can be the gap at d - v instead,
+    misses w|s| by at most the gap. If theorem 2 (:mod:`vemcvx.program.certificate`) is used, it is the gap at d - v,
     with |v|_K <= error / 2; there s differs by B v. w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| is at most |v|_K
     times the root of `norm_flexibility`. The bounds on the residual and on w|s| - lam.s include rounding errors of
     stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.

@@ -59,7 +59,7 @@ def test_friction_that_grows_with_slip_has_one_answer(seed, c):
 
 
 def make_block(angle, part):
-    """Return a block under unit pressure, its mesh, and its shear: `part` of the shear that friction can balance."""
+    """Return scene, mesh and shear of a pressed block; the shear is `part` of what friction can balance."""
     along, across, e = 0.5, 0.2, np.array([np.cos(0.3), np.sin(0.3), 0.0])
     shear = part * (along * np.cos(angle) * e + across * np.sin(angle) * np.array([-e[1], e[0], 0.0]))
     scene = vx.Scene(

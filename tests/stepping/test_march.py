@@ -13,7 +13,7 @@ TIMES = np.linspace(0.0, 1.0, 13)
 
 
 def equal_but_for_rounding(one, other):
-    """Return True if arrays differ by at most a thousand rounding errors: `store` changes the batches of steps."""
+    """Return True if arrays differ by at most a thousand rounding errors."""
     return np.abs(one - other).max() <= 1e3 * EPS * np.abs(other).max()
 
 

@@ -26,7 +26,7 @@ def belt(x, t):
 
 
 def less(x, t):
-    """Return the opposite motion of a body on ground at rest."""
+    """Return the opposite of the motion of the ground, for a body on ground at rest."""
     return run(0.0) - run(t), 0.0
 
 

@@ -119,5 +119,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # A separator gets the number of the last part that it separates. The order: this part, finer separators, separator.
+    # A separator gets the number of the last part that it separates. The order is: part, finer separators, separator.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -14,7 +14,7 @@ and W + C is the only property of the body that a step needs. Rows are scaled by
 diagonal, so that tolerances do not depend on the system of units.
 
 If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then have a further component N `a` with
-coordinates `a`. It changes s and z by R `a`, where R = A N and R'R = I. Forces must balance in motions of the kernel:
+coordinates `a`. This component changes s and z by R `a`, with R = A N and R'R = I. Forces must balance on the kernel:
 `rest` = N'g - R'x is zero.
 """
 

@@ -127,9 +127,9 @@ PATIENCE = 12
 class RunSolver:
     """A solver prepared for a run, under given weights and under laws of friction.
 
-    `newton` is the solver itself if it is Newton's method, which solves steps under laws. Other solvers answer programs
-    with given weights in a fixed-point iteration: the next weights come from one Newton step on the active sets of the
-    answer. If the solution has the same active sets, this step gives the weights of the solution.
+    Newton's method solves steps under laws, and is then both `prepared` and `newton`. Other solvers answer programs
+    with given weights in a fixed-point iteration: the next weights come from one step of `newton` on the active sets of
+    the answer. If the solution has the same active sets, this step gives the weights of the solution.
     """
 
     solver: Solver

@@ -45,7 +45,7 @@ class Weights:
 
     @property
     def reads_slip(self) -> bool:
-        """True if weights may depend on the slip of the step; the weights of a law that defines dw/dp do not."""
+        """True if weights may depend on the slip of the step; False if the law defines dw/dp."""
         return self.norms is not None and self.norms.remembers and not self.norms.sloped
 
     def in_units(self, term_units: Floats, limit_units: Floats) -> Weights:

@@ -366,7 +366,7 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Solve a step from a point, with the active sets of the point if it is `near`, else with the last system."""
+        """Solve a step from a point, first on the active sets of the point if `near`, else with the last system."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
         search = Search(delassus, own, self.most)

@@ -234,8 +234,8 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
     """Return the largest energy norm that moving ground can cause.
 
-    The ground at term i moves by g_i, and the term has the flexibility f_i. A field v with B_i v = g_i has at least
-    the norm |g_i| / f_i^{1/2}. Friction forces cause at most sum_i w_i f_i^{1/2}. We return the smaller of both norms.
+    The ground at term i moves by g_i, and the term has the flexibility f_i. A body that follows the ground has the
+    norm max_i |g_i| / f_i^{1/2}, but friction forces cause at most sum_i w_i f_i^{1/2}: return the smaller value.
     """
     if ground is None:
         return 0.0

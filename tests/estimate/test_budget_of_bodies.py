@@ -121,7 +121,7 @@ def test_estimates_on_two_blocks_are_one_to_five_times_the_error(young, families
 
 @pytest.mark.long
 def test_bumps_of_a_gap_that_vanish_at_nodes_are_in_the_estimate():
-    """The estimate compares the bump with the jump of displacements, however far both bodies have moved."""
+    """The part "data" of the estimate does not change if both bodies move up together by any amount."""
 
     def data_error(gap, lift):
         def ground(x, t):

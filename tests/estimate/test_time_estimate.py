@@ -128,7 +128,8 @@ def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
 
 
 def measure_effectivity(seed):
-    """Return the effectivities of the whole budget and of its error of steps, and the relative true error of steps."""
+    """Return the effectivity of the whole budget, the effectivity of its time part, and the true relative time
+    error."""
     scene, initial = feature_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)

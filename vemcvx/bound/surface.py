@@ -58,9 +58,9 @@ class Surface:
     """The forces on the boundary edges (b,) at an instant, and the laws of friction and contact there."""
 
     loads: Floats
-    """(b, 2, 2) int t phi at both ends, for loads"""
+    """(b, 2, 2) forces int t phi at both ends, due to loads t"""
     forces: Floats
-    """(b, 2, 2) int t phi at both ends, for loads, friction and pressure"""
+    """(b, 2, 2) forces int t phi at both ends, due to the sum t of loads, friction and pressure"""
     cost: Floats
     """(b,) int (g |s| + k z_+^2 / 2): cost of friction, and energy of obstacles"""
     gap: Floats

@@ -74,7 +74,7 @@ def value_of(history: History, of: str) -> float:
 
 @dataclass(frozen=True)
 class StepErrors:
-    """The errors due to steps: of "work" and "dissipated" at all instants (N + 1,), of "wear" at the last (1,)."""
+    """Errors due to steps: for "work" and "dissipated" at all instants (N + 1,), for "wear" at the last one (1,)."""
 
     errors: dict[str, Floats]
     added: dict[str, Floats]

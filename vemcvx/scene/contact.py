@@ -32,9 +32,9 @@ from vemcvx.scene.rows import (
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import tangents_of
 
-# A node on a contact boundary is a contact node in four cases: its tangent is free; its normal is free (on the axis of
-# a half model, where a support holds the tangent); contact holds its normal, and a support holds its tangent; or the
-# node is dragged against friction (`Freedom`). A normal contact force is a reaction along a normal that contact holds,
+# A node on a contact boundary is a contact node in four cases: (1) its tangent is free; (2) its normal is free (on the
+# axis of a half model, where a support holds the tangent); (3) contact holds its normal, and a support its tangent; (4)
+# it is dragged against friction (`Freedom`). A normal contact force is a reaction along a normal that contact holds,
 # or that one support alone holds (a moving obstacle). :mod:`.supports` defines A, H, P and the reactions R.
 Moving = Callable[[float], Floats]
 """t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
@@ -333,9 +333,9 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes (the four cases above), ascending; at a corner, one row stands for both sides.
+    """The contact nodes (the four cases above), ascending, one row per node.
 
-    The normal of this row is the mean normal weighted by length; its length is the sum of both lengths.
+    At a corner, the row has the mean of the normals of both sides, weighted by length, and the sum of both lengths.
     """
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, with reactions R of supports and contact

@@ -93,8 +93,8 @@ class PosedScene:
     obstacles: Obstacles
     surface: Surface  # contact nodes that supports do not hold
     material: Material
-    prestress: InitialStresses | None  # stresses at zero strain, also among the loads; None if there are none
-    springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A; None if there are none
+    prestress: InitialStresses | None  # stresses at zero strain, one of `loads`; None if there are none
+    springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A; None if there are none
     inactive: tuple[str, ...]  # a sentence for each effect without influence, and UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves

@@ -268,12 +268,11 @@ def _curvature(group: FaceGroup) -> Floats:
 # of the image is n without its component perpendicular to the plane. If the curve and its image form a corner, like the
 # tip of a wedge, the node keeps the normal n, and the normal of the image adds no condition.
 #
-# In a plane body, an interface takes its curve from one body, and nodes of the other body hang in the sides of this
-# curve. Means are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is
-# interpolated between the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside
-# another. If each edge had its own normal, friction and pressure in a press fit would oscillate at every h. (Yang,
-# Laursen and Meng, Int. J. Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193
-# (2004).)
+# In the plane, an interface takes its curve from one body, and nodes of the other body hang in the sides of this curve.
+# Means are taken over whole sides, which hanging nodes do not divide. The normal at a hanging node is interpolated
+# between the ends of its whole side. So all normals on a circle are radial, and a ring can turn inside another. If each
+# edge had its own normal, friction and pressure in a press fit would oscillate at every h. (Yang, Laursen and Meng,
+# Int. J. Numer. Meth. Engng 62 (2005); Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).)
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance between the unit normals of neighbouring sides of one curve."""

@@ -59,7 +59,7 @@ def times(steps):
 
 
 def measure(history, seed=0):
-    """Return (displacements, noise): noisy displacements at all instants, a dict by points; the size of the noise."""
+    """Return a dict with the noisy displacements (instants,) of each point, and the standard deviation of the noise."""
     exact = history.probe(np.column_stack([POINTS, np.full(len(POINTS), HEIGHT)]))[:, :, 0]
     noise = NOISE * float(np.abs(exact).max())
     rows = (exact + noise * np.random.default_rng(seed).standard_normal(exact.shape)).T

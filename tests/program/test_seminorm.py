@@ -126,7 +126,7 @@ def test_a_refusal_names_the_forces_along_a_diagonal():
 
 
 def make_floating_program(rows, limits, push, w):
-    """Return the program of a body without stiffness, whose unknowns are its motions; norm terms have `rows`."""
+    """Return a program without stiffness. The unknowns are motions c of a body; friction is sum_i w_i |rows[i] c|."""
     m, block, modes = rows.shape
     operators = Operators(np.zeros((modes, modes)), rows.reshape(-1, modes), block, D=limits, kernel=np.eye(modes))
     return StepProgram(operators, push, w, np.zeros(m * block), np.zeros(len(limits)))

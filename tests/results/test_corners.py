@@ -67,7 +67,7 @@ def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, pl
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """With its mirror image, the corner has twice the angle and two clamps: it is singular above 180 degrees."""
+    """The body and its mirror image form a wedge between clamps: it is singular if 2 * `degrees` exceeds 180."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)

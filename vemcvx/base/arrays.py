@@ -66,12 +66,12 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Return the sums (count,) of the `weights` (k,) with equal `numbers` (k,)."""
+    """Return the sums (count,): entry n is the sum of all `weights[i]` with `numbers[i] == n`."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Return the sums (S, count, ...) of the columns of `values` (S, k, ...) with equal `numbers` (k,)."""
+    """Return the sums (S, count, ...): column n is the sum of all columns `values[:, i]` with `numbers[i] == n`."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total

@@ -28,7 +28,7 @@ class Joints:
     """The pairs of boundary edges (in space: faces) at interfaces."""
 
     across: Ints
-    """(b, 2) nodes of the second body opposite the ends of edges of first bodies; -1 for other edges; empty in space"""
+    """(b, 2) for an edge of a first body, the two opposite nodes of the second body; else -1; empty in space"""
     first: Ints
     """(k,) boundary edges, or faces, of first bodies"""
     second: Ints

@@ -163,7 +163,7 @@ class Problem:
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
         """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.
 
-        If the default value in the scene is a tuple or a list, each of several values needs brackets.
+        If the default value in the scene is a tuple or a list, "axis=1,0" is one value, and "axis=(1,0),(0,1)" are two.
         """
         choices: dict[str, list[str]] = {}
         for setting, (name, value) in zip(settings, self._parse_settings(settings).items(), strict=True):

@@ -89,7 +89,7 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
     """Return the metadata of a field that holds data of an effect: `field(metadata=data.holds(sign="> 0"))`.
 
-    Each value is a "number" or a "vector". `sign` is "> 0", ">= 0", or "" for any; for vectors "!= 0".
+    `shape` is "number" or "vector". `sign` is "> 0" or ">= 0" for numbers, "!= 0" for vectors, "" for any value.
     """
     return {"shape": shape, "sign": sign, "rule": rule.format(sign=sign), **more}
 

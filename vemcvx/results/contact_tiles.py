@@ -2,7 +2,7 @@
 
 `Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of its hat function.
 On interfaces of meshes that do not match, this quotient ripples by O(h) or more, but means over cells are accurate.
-On every interface on which a cell of either body has several sides, recovered values are means over nodes,
+If some cell has several sides on an interface, recovered values on this interface are means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
@@ -84,9 +84,9 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # `off` becomes sqrt(off) times a mean of 1 / sqrt(off): only rounding can increase max |log(off)|.
+            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off): if |log(off)| <= M, both have |log| <= M / 2.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
-            if nearest >= before:
+            if nearest >= before:  # Only rounding remains.
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 
@@ -108,7 +108,7 @@ class ContactTiles:
 
 
 def find_unmatched(mesh: Mesh) -> Bools:
-    """Return True (n_nodes,) for nodes on an interface on which a cell of either body has several sides."""
+    """Return True (n_nodes,) for nodes on interfaces that contain several sides of one cell."""
     found, (offsets, vertices, cells, _) = np.zeros(mesh.n_nodes, dtype=bool), _boundary_sides(mesh)
     for interface in mesh.interfaces.values():
         for sides in (interface.edges, interface.partners):

@@ -153,7 +153,7 @@ def mesh(family: str = "squares", n: int = 3) -> Mesh:
 
 
 def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
-    """Return a contribution as comparable plain data; functions are replaced by their values at `rows` rows."""
+    """Return a contribution as comparable plain data, with some values of each function in place of the function."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -168,7 +168,7 @@ def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
     if isinstance(thing, tuple):
         return tuple(content(part, rows, dim) for part in thing)
     if callable(thing):
-        # Functions of friction take the forces and slips of all rows.
+        # Functions of friction also take forces and slips, arrays of the length `rows`.
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
         return tuple(content(thing(t, *more)) for t in TIMES)
     return thing

@@ -75,8 +75,8 @@ DEVIATIONS = (
     ),
     (
         "(2.6), l^h(0) = l(0), implies (2.13); the l^h of Section 3 violates (2.6) if f_1(0) is not 0",
-        "`vx.projected` begins at the result of one step at times[0] from P^h u_0: (2.13) holds there, and the "
-        "distance to P^h u_0 is O(h)",
+        "`vx.projected` solves one step at times[0] that starts from P^h u_0. The run begins at the answer of this "
+        "step, which satisfies (2.13); the distance from this answer to P^h u_0 is O(h)",
         "`vx.projected(u_0, settle=False)` begins at P^h u_0, as (3.26) says",
     ),
     (

@@ -93,7 +93,7 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
 
 
 def test_an_interface_without_contact_is_logged(caplog):
-    """An effect on the side of one body is no contact of the interface."""
+    """Contact of one body with an obstacle is logged: it is not contact between the two bodies of an interface."""
     parts = {"a": vx.meshes.squares(2, box=((0, 2), (0, 1))), "b": vx.meshes.squares(2, box=((0, 1), (1, 2)))}
     mesh = vx.meshes.bodies(parts)
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on=["a.bottom", "b.top"]), vx.UnilateralContact(on="a.top"))

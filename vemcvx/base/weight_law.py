@@ -30,8 +30,8 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    In an effect, a law has m rows, each with its normal force p (m,). In a system, a law has m norm terms, with the
-    forces p (r,) of all r limits and a slope (m, r).
+    In an effect, a law has m rows, each with its normal force p (m,). A system has m norm terms w |s| of friction, and
+    r limits (rows of one-sided contact). Its law has the forces p (r,) of all limits, and a slope (m, r).
 
     Parameters
     ----------

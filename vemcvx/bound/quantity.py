@@ -19,16 +19,16 @@ by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r
 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8). Springs to the ground
 contribute to A and A_z. Their part of (r_z, C^-1 r) / 2 is not in m; the width contains a bound of this part.
 
-The proof has two conditions: on e, no traction of tau_z does work except the loads of q; on z_h, sigma does the work
-T(z_h). Both hold if only supports hold the body. With friction and contact, both hold if z_h vanishes on contact, and
-tau_z has no traction there, except normal tractions where contact cannot open. Then r_z does not decrease with the mesh
-size, and the width decreases like A. Where z_D moves an end of an edge with friction, friction work there is bounded by
-its largest value.
+The proof has two conditions. First, the tractions of tau_z, without the loads of q, do no work on e. Second, the work
+of sigma on z_h is T(z_h). Both hold if only supports hold the body. With friction and contact, both hold if z_h
+vanishes on contact, and tau_z has no traction there, except normal tractions where contact cannot open. Then r_z does
+not decrease with the mesh size, and the width decreases like A. If z_D moves an end of an edge, friction of sigma and
+of tau can do different work there. The width contains a bound on the difference.
 
 v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
 
 Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
-fit. l_0 changes q(u) by l_0(z_h) plus at most A_z eta, and q_0 adds q_0(u). The width contains estimates of all three.
+fit. They change q(u) by l_0(z_h) + q_0(u) plus at most A_z eta. The width contains estimates of these three terms.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on the work on z that T omits: the work of friction on edges with an end that z_D moves."""
+        """Return a bound on the work on z of the friction of sigma - tau, on edges with an end that z_D moves."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
         # The values of z_h + w_z are linear between the ends of edges, plus a quadratic part.

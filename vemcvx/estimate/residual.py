@@ -34,9 +34,9 @@ is much larger than the energy of u - Pi u. The pressure q is constant in cells,
 that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most the C^{-1} norm of q I
 times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
-The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, with the assembled
-t_e and f_K of loads t and f, the data errors are d_e / (2 mu) |t - t_e|^2_e and h_K^2 / (9 mu) |f - f_K|^2_K. Squares
-are integrated over cells as |K| / 3 times their mean over the vertices.
+The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, let t_e and
+f_K be the approximations of loads t and f in the assembled load vector. The data errors are d_e / (2 mu) |t - t_e|^2_e
+and h_K^2 / (9 mu) |f - f_K|^2_K. The integral of squares over a cell is |K| / 3 times their mean over the vertices.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
 from vemcvx.vem.projection import face_groups
 
 CONSTANT, IN_SPACE = 0.63, 0.8
-"""The constants c in the plane and in space; q, the stabilisation and data errors have no such factor."""
+"""The constants c in the plane and in space. Terms of q, of the stabilisation and of data errors have no factor c."""
 SPATIAL_FACTOR = 7.0
 """The factor in s, for the stabilisation in space."""
 

@@ -1,8 +1,8 @@
 r"""Derivatives of a run with respect to parameters: the answer of each step is differentiated on its active sets.
 
 A run has the stiffness K, the damping C, loads f, rows A = [B; D] of friction and limits with forces x = (lam, p),
-friction bounds w, gaps e and compliances c of limits. In step n, of duration k, the ground and supports alone cause
-the slips -b_n. The states y_n obey
+friction bounds w, gaps e and compliances c of limits. In step n, of duration k, -b_n is the part of the slips
+that is due to moving ground and supports. The states y_n obey
 
     K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n),
 
@@ -200,8 +200,8 @@ def sensitivities(
         As for :func:`vemcvx.simulate`. The default solver is vx.Newton(accuracy=1e-10).
     of : sequence of str
         Names of quantities: "reaction of left x" (the force of supports on a boundary of the body), "displacement at
-        (1, 0.5) y", "slip at (0.5, 0) x" (at a contact node), "energy", and "dissipated" (the losses by friction, of
-        first order in the step).
+        (1, 0.5) y", "slip at (0.5, 0) x" (at a contact node), "energy", and "dissipated" (the friction work, with an
+        error O(k) in the step k).
     initial : None, array or "settled"
         As for :func:`vemcvx.simulate`. A given state does not depend on the parameters.
     shapes : callable x (k, dim) -> (k, P), optional

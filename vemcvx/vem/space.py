@@ -176,7 +176,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for each node (m, 2) of an edge if only one cell (on interfaces, of the first body) has it."""
+        """Return True for each node (m, 2) that only one cell contains; on interfaces, one cell of the first body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:

@@ -328,7 +328,7 @@ def energy_distance(
     MeshError
         The meshes do not cover the same domain, or do not admit this kind.
     HistoryError
-        No step was stored at `time`, or a nodal distance needs the stabilisation of a run from files without it.
+        No step was stored at `time`, or a nodal distance was requested and the files of `run` lack the stabilisation.
     SceneError
         A step was not stored, or the body is a body of revolution.
 

@@ -20,8 +20,8 @@ $$ K_{ij} = A G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}
 Each vertex of a cell gets an equal part of the integral of f over the cell. The bound g is distributed in the same way.
 
 **Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
-pulled by q(t), held by friction, and displaced by a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and
-after step n
+pulled by q(t) and held by friction; there u = a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
+step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 

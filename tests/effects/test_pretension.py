@@ -46,7 +46,8 @@ def test_the_bolt_follows_the_joint_diagram(solver, near):
         assert history.force(cause)[:, 1] == pytest.approx(wanted, abs=near)
     assert history.force("sleeve|cap")[:, 1] == pytest.approx(PULL - wanted, abs=near)
     assert history.force(vx.Pretension)[:, 0] == pytest.approx(np.zeros(7), abs=1e-12)
-    # Tightened ends overlap at the cut by the bolt's stretch plus the sleeve's compression; locking keeps this overlap.
+    # At the cut, the two ends of the bolt overlap. The overlap is the stretch of the bolt plus the compression of the
+    # sleeve. From t = 1 on, the overlap is locked.
     up, down = (np.unique(history.mesh.boundaries["shank|head"]), history.mesh.interfaces["shank|head"].partners)
     jump = history.displacement[:, up, 1].mean(axis=1) - history.displacement[:, np.unique(down), 1].mean(axis=1)
     shorter = TENSION * 3.0 / 300.0 * (1 / BOLT + 1 / SLEEVE)

@@ -205,7 +205,7 @@ def test_three_bodies_at_one_edge_overlap():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """Also give a body a cell datum with the name of the body: this is valid if all values of the datum are 1."""
+    """Give the body "soft" a cell datum that is also named "soft". This is valid because all its values are 1."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})

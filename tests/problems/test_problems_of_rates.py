@@ -32,7 +32,8 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # In short steps the period tends to .02. Here the pad slips a step after friction reaches mu_0 P: a longer period.
+    # As the steps get shorter, the period tends to .02. Here the pad begins to slip one step after its friction reaches
+    # mu_0 P. So the period is longer by one step, .005.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 
@@ -72,7 +73,7 @@ def test_a_block_without_springs_creeps_at_a_constant_speed():
 
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()])
 def test_other_solvers_move_a_disc_below_a_pad_at_rest(solver):
-    """At rest all forces balance and give the first step no scale. The motion of the disc gives the scale."""
+    """The first step begins in equilibrium. The motion of the disc, and not the forces, scales its program."""
     times = brake.times(20)
     found, exact = (
         vx.simulate(brake.scene(), brake.mesh(2), times, initial="settled", solver=one) for one in (solver, None)

@@ -95,7 +95,8 @@ def compare(seed, kind):
                 same &= (active_sets(other) == sets).all(axis=1)
     steps = int(np.argmin(np.append(same, False)))
     size = np.abs(quotients).max(axis=(1, 2), keepdims=True)
-    # Newton's matrix has 1e-11 on its diagonal, so sticking nodes slip by about 1e-11. These slips are errors.
+    # `vx.Newton` adds 1e-11 to the unit diagonal of its matrix. Therefore sticking nodes have slips of about 1e-11. The
+    # exact slips are zero.
     size = np.maximum(size, 1e-5 * np.abs(found.values).max())
     off = np.abs(found.jacobian * theta - quotients)[:, :steps]
     assert (off <= 1e-6 * size).all(), f"{kind}, seed {seed}: {(off / size).max():.1e}"

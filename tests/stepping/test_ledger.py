@@ -114,7 +114,8 @@ def test_the_ledger_closes_while_obstacles_move(family, floor):
     rest = np.append(0.0, np.cumsum(rest)) - spring
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
     size = np.abs(history.work).max() + history.energy.max()
-    # Exact answers satisfy the identity. Residuals of other answers work; their norm is at most the certified error.
+    # Exact answers satisfy the identity. Other answers leave residual forces, and these forces do work. The norm of the
+    # residual forces is at most the certified error.
     slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
     assert slack <= 1e-7 * size
     assert np.abs(remainder - rest).max() < 1e-12 * size + slack

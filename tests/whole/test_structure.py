@@ -62,9 +62,9 @@ LINES |= {"meshes": 6_631, "meshes/io": 1_388, "vem": 2_627}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_854
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 20_847
+TESTS = 20_850
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 31_489
+ALL_TESTS = 31_493
 """Largest number of lines of all tests; 28,000 are wanted."""
 
 LATE = {"vemcvx.meshes.mesh"}

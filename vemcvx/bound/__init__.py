@@ -33,9 +33,10 @@ proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Put u + w and u
 - w into (1) for v: (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. Let z_h, tau_z and A_z be v, tau and A of
-a pair for this load alone. The quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number
-computed from both pairs, if z_h and the tractions of tau_z vanish where friction and obstacles act (:mod:`.quantity`).
+**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. For this load alone, take a second pair:
+the displacement z_h and the stress tau_z. Its number A is A_z. If z_h and the tractions of tau_z vanish where friction
+and obstacles act, the quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number computed from
+both pairs (:mod:`.quantity`).
 
 **Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
 of the run, and let the exact history begin like the run. Let v_n and r_n be v and r at instant n, and D_n the defect
@@ -48,7 +49,6 @@ Proof, and the assumptions on the start: :mod:`.whole_history`.
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
 estimate, and its `kind` names this estimate (:mod:`.reading`).
 
-**In space** there is no bound yet. The theorems hold in any dimension. Stresses could be constructed on tetrahedra that
-are split at their centroids (M. Krizek, Apl. Mat. 27 (1982)). There is no displacement inside polyhedra yet that does
-not lock near nu = 1/2; linear functions lock.
+**In space** there is no bound yet. The theorems hold in any dimension. Stresses can be constructed on split tetrahedra
+(M. Krizek, Apl. Mat. 27 (1982)). Displacements in polyhedra are missing: linear functions lock near nu = 1/2.
 """

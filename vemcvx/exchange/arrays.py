@@ -121,7 +121,7 @@ def sequence_from_npz(path: Path) -> list[StepProgram]:
 
 
 def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
-    """Return a matrix of compressed rows; refuse wrong indices, with which SciPy would leave its arrays."""
+    """Return a matrix from its compressed rows. Refuse wrong indices, which make SciPy read outside its arrays."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
     return as_sparse_matrix(sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist())), name)
 

@@ -78,7 +78,7 @@ class PardisoFactor(Factor):
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _create_solver(K, last, self.unit)
-        # PARDISO returns S in as many columns of n numbers as S needs, with unknowns in ascending order.
+        # PARDISO fills columns of n numbers with the m^2 entries of the Schur complement S, for the sorted `last`.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:

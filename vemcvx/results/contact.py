@@ -188,9 +188,9 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return the lengths (m,) with friction, the multipliers (S, m, dim) on nodes, and normal parts (S, m).
+    """Return three arrays for the contact nodes: lengths (m,) with friction, forces (S, m, dim), cohesion (S, m).
 
-    The normal parts belong to terms with given directions, and are subtracted from the multipliers.
+    Cohesion is the normal component of friction with given `directions`. The forces do not contain the cohesion.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
@@ -253,7 +253,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     terms, weights = posed.terms, trajectory.weights
-    # At a node with terms of both kinds, the friction bound does not include terms with given directions.
+    # The bound contains friction with given `directions` only at nodes that have no other friction.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     if terms.elliptic.any():
@@ -267,9 +267,9 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip is the
-    same at both ends of the step; or, without a stored state before the step, if the solver needed no iteration. If
-    friction acts only along a line, rule 1 holds along this line, and rule 2 across the line.
+    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip stays
+    constant in the step. If the start of the step is not stored, such a node sticks if the solver needed no iteration.
+    If friction acts only along a line, rule 1 holds along this line, and rule 2 across the line.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

@@ -38,7 +38,7 @@ class Location:
     """The cells and sides that contain p points: k pairs of a point and a closed cell that contains the point."""
 
     points: Ints  # (k,) the number of the point of each pair, in increasing order
-    cells: Ints  # (k,) the number of the cell of each pair, for one point in increasing order
+    cells: Ints  # (k,) the number of the cell of each pair; the cells of one point are in increasing order
     starts: Ints  # (p,) the first node of the side on which a point lies; -1 inside cells and outside the mesh
     ends: Ints
     along: Floats  # (p,) the fraction of this side before the point, 0 ... 1

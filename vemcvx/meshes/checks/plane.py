@@ -184,7 +184,7 @@ def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> N
 
 
 def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
-    """Raise MeshError for the first outline that meets itself up to rounding; all corners are `places` (m, 2)."""
+    """Raise MeshError for the first outline that meets itself up to rounding. `places` (m, 2) holds all corners."""
     import shapely
 
     polygons = outlines(places, offsets, np.arange(len(places)))

@@ -53,11 +53,11 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_456}
+LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_461}
 LINES |= {"exchange": 668, "testing": 1_011, "cli/collection": 1_096}
 LINES |= {"bound": 3_036, "results": 2_745, "estimate": 2_150, "plots": 2_011}
 LINES |= {"limit_analysis": 421}
-LINES |= {"sensitivity": 831, "cost": 651, "cli": 3_563}
+LINES |= {"sensitivity": 843, "cost": 651, "cli": 3_563}
 LINES |= {"meshes": 6_631, "meshes/io": 1_388, "vem": 2_627}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_854

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -590,6 +590,11 @@ class Effect(ABC):
         """
 
     @property
+    def _fields(self) -> dict[str, Field[Any]]:
+        """The fields by name; every effect is a dataclass, but this base class is none."""
+        return {one.name: one for one in fields(self)}  # type: ignore[arg-type]
+
+    @property
     def _subject(self) -> str:
         """The name of the effect in messages, with the name of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
@@ -599,7 +604,7 @@ class Effect(ABC):
 
         `value` replaces the value of the field, and `label` its name in messages.
         """
-        (declared,) = (one.metadata for one in fields(self) if one.name == name)  # type: ignore[arg-type]
+        declared = self._fields[name].metadata
         shape, sign = declared["shape"], declared["sign"]
         found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}", shape)
         if isinstance(at, data.InCells) and at.inside is not None:
@@ -611,7 +616,7 @@ class Effect(ABC):
 
     def _check_dimension(self, space: Space) -> None:
         """Raise SceneError if a field is given that is only for bodies of the other dimension."""
-        for one in fields(self):  # type: ignore[arg-type]
+        for one in self._fields.values():
             value = getattr(self, one.name)
             if value is not None and "in the plane" in one.metadata:
                 space.require_plane(f"{self._subject}: {one.name}=", one.metadata["in the plane"])

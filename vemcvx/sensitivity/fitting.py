@@ -165,14 +165,8 @@ def fit(
     names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
-    low, high = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, count))
-    if not ((low <= start) & (start <= high) & (low < high)).all():
-        wanted = "wanted smallest below largest parameters, and theta_0 between them"
-        raise SceneError(f"fit: found theta_0 = {brief(start)} and bounds = {brief(bounds)}; {wanted}.")
-    known, L = np.isfinite(m), np.zeros((0, count))
-    if penalty is not None:
-        L = finite(as_real_array(penalty, "fit: penalty", "an array (k, P)"), "fit: penalty")
-        L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
+    low, high = _read_bounds(bounds, start)
+    known, L = np.isfinite(m), _read_penalty(penalty, count)
     if known.sum() + len(L) < count:
         raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")
     sigma = _read_noise(noise, of, m)
@@ -218,6 +212,24 @@ def fit(
         runs=run.cache_info().misses,
         ending=found.message,
     )
+
+
+def _read_bounds(bounds: ArrayLike, start: Floats) -> Floats:
+    """Return the smallest and the largest parameters (2, P)."""
+    found = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, len(start)))
+    low, high = found
+    if not ((low <= start) & (start <= high) & (low < high)).all():
+        wanted = "wanted smallest below largest parameters, and theta_0 between them"
+        raise SceneError(f"fit: found theta_0 = {brief(start)} and bounds = {brief(bounds)}; {wanted}.")
+    return found
+
+
+def _read_penalty(penalty: ArrayLike | None, count: int) -> Floats:
+    """Return the rows (k, P) of the penalty; no rows if there is none."""
+    if penalty is None:
+        return np.zeros((0, count))
+    L = finite(as_real_array(penalty, "fit: penalty", "an array (k, P)"), "fit: penalty")
+    return as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
 
 
 def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:

@@ -398,7 +398,7 @@ def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u:
     return np.asarray(space.mesh.measures * density + missed)
 
 
-def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) -> Floats:
+def strains(space: Space, u: Floats) -> Floats:
     """Return the mean strain eps(Pi u) of a virtual function u on each cell.
 
     Parameters
@@ -406,8 +406,6 @@ def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) 
     space : Space
     u : (n_nodes, dim) or (n_u,) array
         Nodal displacements.
-    groups : sequence of CellGroup, optional
-        Groups of some cells; the rows of all other cells are undefined.
 
     Returns
     -------
@@ -423,7 +421,7 @@ def strains(space: Space, u: Floats, groups: Sequence[CellGroup] | None = None) 
     """
     u = np.reshape(u, (-1, space.dim))
     result = np.empty((space.mesh.n_cells, space.components))
-    for group in space.groups if groups is None else groups:
+    for group in space.groups:
         for chunk in group.chunks():
             result[chunk.cells] = chunk.strains(u.take(chunk.nodes, axis=0))
     return result

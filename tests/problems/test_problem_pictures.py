@@ -61,7 +61,7 @@ def test_every_problem_runs_in_its_small_setting_and_is_drawn_within_the_page(na
     assert history.certificate.max() <= getattr(problem, "SMALL", {}).get("accuracy", 1e-8)
     assert history.displacement[0].size < 20_000
     assert history.iterations.sum() < 5_000
-    says_so = "a run warns about them" in " ".join(problem.__doc__.split())
+    says_so = "a run warns about" in " ".join(problem.__doc__.split())
     assert ("strains are not small" in caplog.text) == (name in FORMAL) == says_so
     drawn = ROOT / "problems" / "pictures" / f"{name}.png"
     assert 5_000 < drawn.stat().st_size < 250_000, "run problems/gallery.py"

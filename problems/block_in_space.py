@@ -45,11 +45,11 @@ def times(steps):
 
 
 def picture(history):
-    """Draw which nodes of the bottom stick and slip, and all friction vectors, which end in the disc of radius g."""
+    """Draw which nodes of the bottom stick and slip, and the friction per area, which is g at nodes that slip."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")
     face, graph = figure.subplots(1, 2)
     vx.plots.contact_face(history, ax=face, units=UNITS)
-    vx.plots.friction_disc(history, ax=graph, units=UNITS)
+    vx.plots.contact_face(history, ax=graph, show="friction", units=UNITS)
     return figure

@@ -30,7 +30,7 @@ SECOND_MOMENT = np.pi * (OUTER**4 - INNER**4) / 2
 STEPS = 8
 """Number of steps in a cycle."""
 SMALL = {"n": 2, "steps": 3 * STEPS}
-UNITS = {"length": "m", "time": "cycles", "force per area": "Pa"}
+UNITS = {"length": "m", "force": "N", "time": "cycles", "force per area": "Pa"}
 
 
 def bolt_pressure(x, t):

@@ -23,7 +23,7 @@ PRESSURE = 60e6
 LOAD = 0.6 * FRICTION * PRESSURE * BOLT
 JOINT = "lower|upper"
 SMALL = {"n": 10, "steps": 12}
-UNITS = {"length": "m", "time": "cycles", "force per area": "Pa", "energy per length": "J/m²"}
+UNITS = {"length": "m", "force": "N", "time": "cycles", "force per area": "Pa", "energy per length": "J/m²"}
 
 
 def bolt_pressure(x, t):
@@ -73,7 +73,7 @@ def picture(history):
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")
     body, graph = figure.subplots(2, 1, height_ratios=(1.0, 1.3))
     vx.plots.stressed_body(history, ax=body, step=history.steps - 3, stress="shear", units=UNITS)
-    vx.plots.wear(history, steps=range(4, history.steps + 1, 4), ax=graph, units=UNITS)
+    vx.plots.along_contact(history, "wear", range(4, history.steps + 1, 4), ax=graph, units=UNITS)
     for edge in (-1, 1):
         graph.axvline(LENGTH / 2 + edge * BOLT / 2, color="0.6", linestyle=":")
     return figure

@@ -106,6 +106,6 @@ def picture(history):
     graph.set(xlabel="angle of the hub (1/1000)", ylabel="torque on the hub (N)")
     graph.grid()
     graph.legend(loc="center")
-    vx.plots.wear(history, steps=range(CYCLE, history.steps + 1, CYCLE), ax=axes["wear"], units=UNITS)
+    vx.plots.along_contact(history, "wear", range(CYCLE, history.steps + 1, CYCLE), ax=axes["wear"], units=UNITS)
     axes["wear"].set_title("")
     return figure

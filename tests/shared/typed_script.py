@@ -149,7 +149,7 @@ def accuracy(history: vx.History) -> float:
 
 
 def pictures(history: vx.History, folder: Path) -> None:
-    figure = plots.deformed_mesh(history, magnify=10.0, limits=(0.0, 1.0), units={"length": "mm"})
+    figure = plots.deformed_mesh(history, magnify=10.0, units={"length": "mm"})
     ax = figure.axes[0]
     plots.friction_traction(history, ax=ax)
     print(plots.write_plots(history, folder), history.animate(folder / "slip.gif", seconds=1.0))

@@ -88,7 +88,7 @@ def _pictures(history: History, problem: Problem) -> str:
         words, data = name.replace("_", " "), base64.b64encode(as_png(drawn, 130)).decode()
         figures += f'<figure><img src="data:image/png;base64,{data}" alt="{words}"><figcaption>{words}</figcaption>'
         figures += "</figure>"
-    return figures + "".join(f"<p>Left out: {escape(why)}.</p>" for why in dict.fromkeys(omissions(history).values()))
+    return figures + "".join(f"<p>Left out: {escape(why)}.</p>" for why in omissions(history))
 
 
 def _budget(history: History) -> str:

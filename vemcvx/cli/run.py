@@ -139,7 +139,7 @@ class Run:
 
             drawn = write_plots(history, drawings)
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
-            lines += [f"left out    {why}" for why in dict.fromkeys(omissions(history).values())]
+            lines += [f"left out    {why}" for why in omissions(history)]
         if self.report:
             name = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
             results = "\n".join(lines)
@@ -253,10 +253,6 @@ class Run:
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.plot or self.report:
             new_figure()
-        if self.plot:
-            from vemcvx.plots.pictures import check_pictures
-
-            check_pictures(drawings)
         if self.report:
             from vemcvx.cli.report import check_report
 

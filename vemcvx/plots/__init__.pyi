@@ -6,9 +6,7 @@ from .body import stressed_body as stressed_body
 from .contact import along_contact as along_contact
 from .contact import friction_traction as friction_traction
 from .contact import stick_slip_map as stick_slip_map
-from .contact import wear as wear
 from .faces import contact_face as contact_face
-from .faces import friction_disc as friction_disc
 from .pictures import animate as animate
 from .pictures import energy_ledger as energy_ledger
 from .pictures import error_map as error_map

@@ -50,7 +50,6 @@ def deformed_mesh(
     *,
     ax: Axes | None = None,
     magnify: float | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the mesh deformed at a stored step.
@@ -60,8 +59,6 @@ def deformed_mesh(
     history, step, ax, units : as for `friction_traction`
     magnify : float, optional
         Magnification of displacements; by default 1, 2 or 5 times a power of ten.
-    limits : (low, high), optional
-        Ends of the colour scale; by default 0 and the largest value of all stored steps.
 
     Returns
     -------
@@ -85,7 +82,7 @@ def deformed_mesh(
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
     means = [np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes]
-    ends = style.value_range(limits, (0.0, max(float(mean.max()) for mean in means) or 1.0))
+    ends = 0.0, max(float(mean.max()) for mean in means) or 1.0
     field = _Field(means, label("$|u|$", "length", units), (style.SIZE, ends))
     ax = canvas.axes_or_new(ax, *size_of_page(history))
     outline = np.insert(mesh.points[mesh.boundaries["boundary"]], 2, np.nan, axis=1).reshape(-1, 2)
@@ -116,7 +113,6 @@ def stressed_body(
     stretch: float = 1.0,
     mirrors: Sequence[tuple[int, int]] = (),
     magnify: float | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the deformed body at a stored step, each cell in the colour of its stress.
@@ -137,7 +133,7 @@ def stressed_body(
         Factor on lengths along x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
         Signs of x_1 and x_2 in mirror images, for a model of a half or a quarter of a body; images have no mesh lines.
-    magnify, limits : as for `deformed_mesh`; by default the same for all stored steps
+    magnify : as for `deformed_mesh`
 
     Returns
     -------
@@ -145,7 +141,7 @@ def stressed_body(
         The title gives the magnification of displacements and the largest force per length on the body. Arrows are
         cut at 1.5 times the 90 % quantile of forces, with a note in the title. Closed contact is bold, or hatched where
         magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of the colour bar
-        stands for stresses beyond the bar; by default at most 1 % of the cells have such stresses.
+        stands for stresses beyond the bar; at most 1 % of the cells have such stresses.
 
     Raises
     ------
@@ -174,8 +170,8 @@ def stressed_body(
         raise HistoryError(f"window: found {brief(window)}, which shows no cell; the body is within {body}.")
     words, values = _stresses(history, stress)
     shown = [found[seen] for found in values]
-    row, (colours, ends) = _row(history, step, shown), colours_of(shown, stress)
-    field = _Field(values, label(words, "force per area", units), (colours, style.value_range(limits, ends)))
+    row = _row(history, step, shown)
+    field = _Field(values, label(words, "force per area", units), colours_of(shown, stress))
     ax = canvas.axes_or_new(ax, *size_of_page(history))
     view = _View(forces, window=window, stretch=stretch, images=images, magnify=magnify, units=units)
     return _draw(ax, (history, row), field, view)
@@ -344,7 +340,6 @@ def deformed_body(
     stress: str = "von_mises",
     view: ArrayLike = (-1.0, -1.6, 0.9),
     magnify: float | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw a deformed body in space at a stored step, each face of its surface in the colour of the stress of its cell.
@@ -356,7 +351,7 @@ def deformed_body(
         Tension is red and compression blue.
     view : (3,) vector
         Direction from the body to the viewer; x_3 points upwards.
-    magnify, limits : as for `deformed_mesh`
+    magnify : as for `deformed_mesh`
 
     Returns
     -------
@@ -385,8 +380,7 @@ def deformed_body(
     factor = common_magnification(history, _size(mesh.points), magnify)
     words, values = _stresses(history, stress)
     stresses = [found[mesh.face_cells[faces, 0]] for found in values]
-    row, (colours, ends) = _row(history, step, stresses), colours_of(stresses, stress)
-    scale = style.value_range(limits, ends)
+    row, (colours, scale) = _row(history, step, stresses), colours_of(stresses, stress)
     points = mesh.points + factor * history.displacement[row]
     surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
     image = _render(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))

@@ -74,7 +74,7 @@ class ContactLine:
 
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Return the contact nodes of a plane history along a line; raise HistoryError if there are none."""
-    mesh = plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
+    mesh = plane_mesh(history.mesh, picture, "contact_face draws contact in space")
     contact = require_contact(history, picture)
     path = contact_path(mesh, contact)
     sides, order = path.sides, path.rows
@@ -302,12 +302,12 @@ def along_contact(
     """
     units = units_of(history, units)
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
-    picture, most = "wear" if show == "wear" else "along_contact", len(style.EARLY_TO_LATE)
-    line, _ = contact_line(history, picture), list_steps(history, picture)
+    most = len(style.EARLY_TO_LATE)
+    line, _ = contact_line(history, "along_contact"), list_steps(history, "along_contact")
     chosen = history.telling(most).tolist() if steps is None else steps if isinstance(steps, Iterable) else [steps]
     rows = [history.row(step) for step in chosen]
     if not 0 < len(rows) <= most:
-        raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
+        raise HistoryError(f"along_contact: found {len(rows)} steps; it draws 1 to {most} of them.")
     quantity, words, title, found = PROFILES[show]
     values, ax = found(history, line), canvas.axes_or_new(ax, 6.4, 3.6)
     for row, colour, mark in zip(rows, style.EARLY_TO_LATE[-len(rows) :], style.MARKERS, strict=False):
@@ -317,32 +317,3 @@ def along_contact(
     canvas.light_grid(ax)
     ends = 1.05 * low, 1.05 * high if high > low else 1.0
     return line.finish(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
-
-
-def wear(
-    history: Results, steps: int | Iterable[int] | None = None, *, ax: Axes | None = None, units: Units | None = None
-) -> Figure:
-    """Draw the friction work up to some steps along contact: wear is proportional to it (Archard 1953).
-
-    Parameters
-    ----------
-    history, steps, ax, units : as for `along_contact`
-
-    Returns
-    -------
-    matplotlib Figure
-        One curve per step.
-
-    Raises
-    ------
-    SceneError, HistoryError
-        As for `along_contact`.
-
-    Examples
-    --------
-    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
-    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
-    >>> figure = vx.plots.wear(history)
-    """
-    return along_contact(history, "wear", steps, ax=ax, units=units)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, are_among, choice
@@ -18,7 +17,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import style
 from vemcvx.plots.contact import pressures, require_contact
-from vemcvx.plots.style import Units, Window, amount, instant, is_idle, label, label_axes, units_of, value_range, within
+from vemcvx.plots.style import Units, Window, amount, instant, is_idle, label, label_axes, units_of, within
 from vemcvx.results import ALONG, Contact, Results
 from vemcvx.vem import Part, Space
 
@@ -141,7 +140,6 @@ def contact_face(
     ax: Axes | None = None,
     show: str = "states",
     window: Window | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
     """Draw the faces of contact of bodies in space at a stored step, each seen along its normal.
@@ -156,8 +154,6 @@ def contact_face(
         The meaning of colours: stick, slip and open contact, or the size of a field.
     window : ((low, high), (low, high)), optional
         Draw only this part, in units of length.
-    limits : (low, high), optional
-        Ends of the colour scale of a field; by default the same for all stored steps.
 
     Returns
     -------
@@ -189,8 +185,7 @@ def contact_face(
             quantity, words, values = FIELDS[show]
             found, drawn = values(face.history), canvas.draw_polygons(panel, face.corners, None)
             drawn.set_array(found[row, face.owners])
-            ends = value_range(limits, (min(0.0, float(found.min())), float(found.max()) or 1.0))
-            drawn.set(cmap=style.SIZE, clim=ends)
+            drawn.set(cmap=style.SIZE, clim=(min(0.0, float(found.min())), float(found.max()) or 1.0))
             canvas.colour_bar(panel, drawn, label(words, quantity, units))
         title = f"{name}{instant(history.times[row], units)}{_slip_arrows(panel, face, row, window, units)}"
         panel.locator_params(nbins=5)
@@ -247,61 +242,3 @@ def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, u
     canvas.draw_arrows(ax, places[kept], arrows, colour=style.PUSH, pivot="mid", width=0.005).set_in_layout(False)
     since = "of the step" if stored[row - 1] == stored[row] - 1 else "since the last stored step"
     return f", slip {since} at most {amount(largest, 'length', units)}"
-
-
-def friction_disc(
-    history: Results,
-    step: int | None = None,
-    *,
-    on: str | None = None,
-    ax: Axes | None = None,
-    units: Units | None = None,
-) -> Figure:
-    """Draw the friction on the body divided by its bound: each contact node is a point in the unit disc.
-
-    Parameters
-    ----------
-    history, step, on, ax, units : as for `contact_face`
-
-    Returns
-    -------
-    matplotlib Figure
-        One panel per face of contact.
-
-    Raises
-    ------
-    SceneError, HistoryError
-        As for `contact_face`, or there is no friction at that step.
-
-    Examples
-    --------
-    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, 0.0, -0.01), on="top")
-    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
-    >>> figure = vx.plots.friction_disc(history)
-    """
-    units = units_of(history, units)
-    row = history.row(step)
-    for panel, name, face in _panels(history, on, ax, "friction_disc", (5.0, 5.0)):
-        contact = face.history.contact
-        rubs = contact.bound[row] > 0
-        if not rubs.any():
-            raise HistoryError(f"friction_disc: there is no friction at step {history.stored[row]}; draw another step.")
-        share = face.flat(contact.traction[row, rubs]) / contact.bound[row, rubs, None]
-        sticks = contact.sticking[row, rubs]
-        angle = np.linspace(0.0, 2.0 * np.pi, 241)
-        panel.plot(np.cos(angle), np.sin(angle), "--", color="black", linewidth=1.2, label="bound", zorder=2)
-        for chosen, colour, marker, word in ((sticks, style.STICK, "o", "sticks"), (~sticks, style.SLIP, "s", "slips")):
-            if chosen.any():
-                rays = np.full((chosen.sum(), 3, 2), [[0.0], [0.0], [np.nan]])
-                rays[:, 1] = share[chosen]
-                panel.plot(*rays.reshape(-1, 2).T, color=colour, linewidth=0.5, alpha=0.35, zorder=1.5)
-                panel.plot(*share[chosen].T, marker, color=colour, markersize=4, label=word, zorder=3)
-        canvas.light_grid(panel)
-        canvas.legend_under(panel)
-        did = f"{sticks.sum()} contact nodes stick, {(~sticks).sum()} slip"
-        x, y = f"friction on the body / bound, along {face.labels[0]}", f"along {face.labels[1]}"
-        disc: Window = ((-1.15, 1.15), (-1.15, 1.15))
-        title = f"{name}{instant(history.times[row], units)}: {did}"
-        figure = label_axes(panel, x, y, title, size="small", window=disc, aspect="equal")
-    return figure

@@ -8,14 +8,12 @@ before them, pressures p after them, and the bilinear form a of the elastic ener
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vemcvx.base import canvas
 from vemcvx.base.arrays import Floats, brief, choice
@@ -24,7 +22,7 @@ from vemcvx.base.owned_files import path_of
 from vemcvx.meshes import PolyhedralMesh, plane_mesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
-from vemcvx.plots.contact import along_contact, pressures, slips, wear
+from vemcvx.plots.contact import along_contact, pressures, slips
 from vemcvx.plots.style import Units, instant, label, label_axes, positive, unit, units_of
 from vemcvx.results import Results, loop_of
 
@@ -271,37 +269,30 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "contact_slip": (partial(along_contact, show="slip"), lambda h: _has_line(h) and slips(h).any()),
     "friction_traction": (contact.friction_traction, lambda h: _is_plane(h) and h.contact.has_friction),
     "stick_slip_map": (contact.stick_slip_map, _has_line),
-    "wear": (wear, lambda h: _is_plane(h) and _has_steps(h) and h.contact.wear.any()),
+    "wear": (partial(along_contact, show="wear"), lambda h: _is_plane(h) and _has_steps(h) and h.contact.wear.any()),
     "deformed_body": (deformed_body, lambda h: not _is_plane(h) and has_pyvista()),
     "contact_face": (faces.contact_face, _has_faces),
-    "friction_disc": (faces.friction_disc, lambda h: _has_faces(h) and (h.contact.bound[h.row(None)] > 0).any()),
     "error_map": (error_map, lambda h: _is_plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _has_steps(h) and loop_of(h) is not None),
     "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _has_steps),
 }
 """Name of a picture's file -> the function that draws it, and a function that is True if there is content for it."""
-MARKS = {
-    ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
-    ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
-    ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
-}
-"""Suffix -> metadata that mark files of this package, and the bytes that matplotlib writes for them."""
+SUFFIXES = ".png", ".svg", ".pdf"
 
 
-def omissions(history: Results) -> dict[str, str]:
-    """Return the names of the pictures that cannot be drawn, each with the reason."""
+def omissions(history: Results) -> list[str]:
+    """Return the names of the pictures in space that cannot be drawn, each with the reason."""
     if _is_plane(history):
-        return {}
+        return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)
-    unseen = {name: f"{name}: {faces.HIDDEN}" for name in ("contact_face", "friction_disc") if around}
-    return ({} if has_pyvista() else {"deformed_body": MISSING}) | unseen
+    return [f"deformed_body: {MISSING}"] * (not has_pyvista()) + [f"contact_face: {faces.HIDDEN}"] * around
 
 
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write all pictures for which a history has content, in place of the pictures of an older run.
+    """Write all pictures for which a history has content; older files with the names of pictures are removed.
 
     Parameters
     ----------
@@ -319,7 +310,7 @@ def write_plots(
     Raises
     ------
     HistoryError
-        The suffix is unknown, the folder cannot be written to, or foreign files have these names.
+        The suffix is unknown, or the folder cannot be written to.
     VemcvxError
         matplotlib is not installed.
 
@@ -331,15 +322,14 @@ def write_plots(
     ['deformed_mesh', 'stressed_body', 'forces_over_time', 'energy_ledger']
     """
     folder = path_of(folder, "write_plots")
-    suffix = choice(suffix, "write_plots", "suffix", list(MARKS), HistoryError)
-    check_pictures(folder, suffix)
+    suffix = choice(suffix, "write_plots", "suffix", list(SUFFIXES), HistoryError)
     drawn = draw_pictures(history, units)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in PICTURES:
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
         for name, figure in drawn.items():
-            figure.savefig(folder / f"{name}{suffix}", dpi=200, metadata=MARKS[suffix][0])
+            figure.savefig(folder / f"{name}{suffix}", dpi=200)
     except OSError as error:
         raise HistoryError(f"{folder}: cannot write pictures there: {error}.") from error
     return [folder / f"{name}{suffix}" for name in drawn]
@@ -350,29 +340,12 @@ def draw_pictures(history: Results, units: Units | None) -> dict[str, Figure]:
     return {name: draw(history, units=units) for name, (draw, shows) in PICTURES.items() if shows(history)}
 
 
-def check_pictures(folder: Path, suffix: str = ".png") -> None:
-    """Raise HistoryError if a file has the name of a picture, but was not drawn by this package."""
-    for path in (folder / f"{name}{suffix}" for name in PICTURES):
-        if os.path.lexists(path) and not _is_own(path):
-            raise HistoryError(
-                f"{path}: not drawn by this version, so it is not replaced. Choose another folder, or move it away."
-            )
-
-
-def _is_own(path: Path) -> bool:
-    try:
-        return MARKS[path.suffix][1] in path.read_bytes()
-    except OSError:
-        return False
-
-
 def animate(
     history: Results,
     path: str | Path,
     *,
     seconds: float = 5.0,
     magnify: float | None = None,
-    limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
@@ -384,7 +357,7 @@ def animate(
         ``.gif`` or ``.mp4`` (if ffmpeg is installed). An existing file is replaced.
     seconds : float
         Approximate duration of the film.
-    magnify, limits, units
+    magnify, units
         As for `deformed_mesh` or `deformed_body`.
 
     Returns
@@ -413,7 +386,7 @@ def animate(
     rate = round(min(max(len(history.stored) / length, 1.0), 50.0))
     figure = canvas.new_figure(*size_of_page(history))
     writer = canvas.film_writer(kinds[path.suffix], rate)
-    frames = _frames(history, figure, magnify=magnify, limits=limits, units=units)
+    frames = _frames(history, figure, magnify=magnify, units=units)
     # Errors occur in the first frame, before an existing file is replaced.
     next(frames)
     try:

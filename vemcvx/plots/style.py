@@ -50,13 +50,6 @@ DERIVED = {
     "energy per length": "{force} {length}/{length}",
     "energy per area": "{force} {length}/{length}²",
 }
-BY_STRESS = {
-    "force": "{stress} {length}²",
-    "energy": "{stress} {length}³",
-    "energy per length": "{stress} {length}²",
-    "energy per area": "{stress} {length}",
-}
-"""Units derived from force and length or, if there is no unit of force, from stress and length."""
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
 """In the plane, a force or energy per length of a contact boundary is also per thickness, and therefore per area."""
 WORDS = {
@@ -82,8 +75,6 @@ def unit(units: Units | None, quantity: str) -> str:
         quantity = THICKNESS[quantity]
     if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
         return DERIVED[quantity].format(**given)
-    if quantity not in given and quantity in BY_STRESS and {"force per area", "length"} <= set(given):
-        return BY_STRESS[quantity].format(stress=given["force per area"], length=given["length"])
     return given.get(quantity, quantity)
 
 
@@ -197,13 +188,3 @@ def extent(history: Results, factor: float) -> Floats:
     """Return the lowest and the highest corner (2, dim) of the body, undeformed and at all stored steps together."""
     places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
-
-
-def value_range(limits: ArrayLike | None, default: tuple[float, float]) -> tuple[float, float]:
-    """Return `limits` or `default`, the ends of a range; raise HistoryError unless `limits` are numbers in order."""
-    if limits is None:
-        return default
-    low, high = as_shaped_array(limits, "limits", "two numbers, the smaller one first", (2,)).tolist()
-    if not -np.inf < low < high < np.inf:
-        raise HistoryError(f"limits: found {brief(limits)}; wanted two numbers, the smaller one first.")
-    return low, high

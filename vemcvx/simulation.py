@@ -37,7 +37,9 @@ from vemcvx.stepping import (
     programs_of_march,
 )
 from vemcvx.stepping.course import Course, inside_steps, sample_course
-from vemcvx.vem import mean_strains, stress_load, stresses
+from vemcvx.vem import stress_load
+from vemcvx.vem.loads import mean_strains
+from vemcvx.vem.tensors import stresses
 
 log = logging.getLogger("vemcvx")
 
@@ -283,7 +285,7 @@ def programs(
         linear=linear,
     )
     effects = [effect.describe_body(posed.space.in_plane) for effect in scene.canonical]
-    return with_origin(found, posed, effects, condense)
+    return with_origin(found, posed, effects)
 
 
 def check_kinds(scene: object, mesh: object) -> None:

@@ -13,7 +13,8 @@ from skfem.models.elasticity import linear_elasticity
 from vemcvx.bound.displacement import displacement_form, to_edges
 from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, STATIONS, fans_of
 from vemcvx.bound.stress import VOIGT, reference, stress_form
-from vemcvx.vem import Space, elastic_matrix
+from vemcvx.vem import Space
+from vemcvx.vem.tensors import elastic_matrix
 
 GRADIENT = np.array([[1.0, 2.0], [0.3, -0.5]])
 STRAIN = np.array([1.0, -0.5, 2.3])

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 from solids import SOLIDS, solid
 
 import vemcvx as vx
-from vemcvx.vem import Space, elastic_matrix, strains
+from vemcvx.vem import Space, strains
+from vemcvx.vem.tensors import elastic_matrix
 
 BOX = ((0, 1), (0, 1), (0, 1))
 SIDES = ["left", "right", "front", "back", "bottom", "top"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from functools import cache
 
 import clarabel
@@ -13,11 +12,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from reading_cbf import read_cbf, to_second_order
-from scenes import mostly_long, small
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.program import Operators, StepProgram
-from vemcvx.vem import Space
 
 EPS = float(np.finfo(float).eps)
 TIMES = np.linspace(0.0, 1.0, 4)
@@ -77,6 +75,7 @@ def solve(name, condense=True):
 @pytest.mark.parametrize("form", FORMATS)
 def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     """In a CBF file K is the product F'F, whose entries are sums of n rounded products."""
+    condense = condense or (form, name) == ("cbf", "free")  # refused on all unknowns
     program, path = solve(name, condense), tmp_path / f"step.{form}"
     assert vx.write_program(program, path) == path
     back = vx.read_program(path)
@@ -104,27 +103,6 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
         assert abs(N.T @ N - 1).max() < 1e-14
         assert abs(abs(float(ours.kernel[:, 0] @ N[:, 0])) - 1) < 1e-10
         assert np.abs(ours.K @ N).max() < 1e-12 * np.abs(ours.K).max()
-
-
-MESHES = {"voronoi": small("voronoi", 3), "tetrahedra": vx.meshes.tetrahedra(1)}
-
-
-@pytest.mark.parametrize("family", MESHES)
-def test_each_row_of_the_root_of_K_belongs_to_one_cell(family):
-    """F'F = K up to rounding, also where supports eliminate unknowns."""
-    mesh = MESHES[family]
-    soft = vx.Elasticity(3.0, 0.48, stabilisation="unit")
-    material = vx.Orthotropic((100.0, 50.0), 0.2, 20.0, angle=0.3) if family == "voronoi" else soft
-    scene = vx.Scene(material, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"))
-    program = next(vx.programs(scene, mesh, [0.0, 1.0], condense=False))
-    F, K = program.energy_rows(), program.operators.K
-    # The root of a cell has at most 24 rows, so that each cell adds at most 24 products to an entry of F'F.
-    assert abs(F.T @ F - K).max() <= 24 * 24 * EPS * abs(K).max()
-    most = max(group.nodes.shape[1] for group in Space(mesh).groups)
-    assert np.diff(F.indptr).max() <= most * mesh.points.shape[1]
-    springs = vx.ElasticFoundation(normal=1.0, tangential=1.0, on="left")
-    for other, condense in ((scene, True), (scene.with_(springs), False)):
-        assert next(vx.programs(other, mesh, [0.0, 1.0], condense=condense)).energy_rows is None
 
 
 @pytest.mark.parametrize("form", ["npz", "mtx", "cbf"])
@@ -185,7 +163,7 @@ def test_highs_reads_and_solves_mps_files(tmp_path, name, condense):
 @condensed
 @pytest.mark.parametrize("name", ["friction", "bounds", "soft", "free", "in space"])
 def test_clarabel_solves_cbf_files_through_an_independent_reader(tmp_path, name, condense):
-    program = solve(name, condense)
+    program = solve(name, condense or name == "free")
     vx.write_program(program, tmp_path / "step.cbf")
     cost, A, b, cones = to_second_order(*read_cbf((tmp_path / "step.cbf").read_text()))
     kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
@@ -211,7 +189,7 @@ def test_programs_and_formats_that_cannot_be_written_are_refused(tmp_path):
     (tmp_path / "file").touch()
     for name, what, words in (
         ("b.qps", solve("in space"), "MPS has no second-order cones"),
-        ("f.cbf", replace(solve("free", condense=False), energy_rows=None), "take the condensed program"),
+        ("f.cbf", solve("free", condense=False), "take the condensed program"),
         ("d.npz", nothing, "no unknowns left"),
         ("file/e.npz", solve("friction"), "cannot be written"),
     ):

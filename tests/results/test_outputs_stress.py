@@ -9,7 +9,7 @@ import pytest
 from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
-from vemcvx.vem import equivalent, principal
+from vemcvx.vem.tensors import equivalent, principal
 
 YOUNG, POISSON = 200.0, 0.3
 LAM, MU = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))

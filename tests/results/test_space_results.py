@@ -11,7 +11,7 @@ import circular_hysteresis as circles
 import vemcvx as vx
 from vemcvx.meshes.io.vtu import TYPES
 from vemcvx.results import places
-from vemcvx.vem import equivalent
+from vemcvx.vem.tensors import equivalent
 
 STEEL = vx.Elasticity(circles.YOUNG, circles.POISSON)
 FLOOR = vx.BilateralContact(on="bottom"), vx.TrescaFriction(circles.BOUND, on="bottom")

@@ -9,7 +9,7 @@ from scenes import mostly_long, small
 import manufactured_start_and_stop as moving
 import vemcvx as vx
 from vemcvx.scene import pose_scene
-from vemcvx.vem import mean_strains
+from vemcvx.vem.loads import mean_strains
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 PLANE = ("squares", "voronoi", "hexagons", "nonconvex", "triangles")

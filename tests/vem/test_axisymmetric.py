@@ -9,7 +9,8 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Material
-from vemcvx.vem import Space, moduli_of_revolution, stiffness
+from vemcvx.vem import Space, stiffness
+from vemcvx.vem.tensors import moduli_of_revolution
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "nonconvex", "hanging")
 MU = 1.0 / 2.6  # for young = 1, poisson = .3

@@ -11,7 +11,8 @@ from scipy.spatial import ConvexHull
 
 import vemcvx as vx
 from vemcvx.base.errors import MeshWarning
-from vemcvx.vem import Space, edge_part
+from vemcvx.vem import Space
+from vemcvx.vem.boundary import edge_part
 
 
 def make_space(family="squares", n=4):

@@ -9,7 +9,8 @@ from scenes import FAMILIES, small
 from solids import SOLIDS, solid
 
 import vemcvx as vx
-from vemcvx.vem import Space, cell_load, cell_quadrature, edge_load
+from vemcvx.vem import Space, cell_load, edge_load
+from vemcvx.vem.loads import cell_quadrature
 
 # Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13

@@ -53,14 +53,14 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_461}
+LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_804, "linear": 923, "scene": 1_972, "effects": 2_468}
 LINES |= {"exchange": 668, "testing": 1_011, "cli/collection": 1_096}
-LINES |= {"bound": 3_036, "results": 2_745, "estimate": 2_150, "plots": 2_011}
+LINES |= {"bound": 3_038, "results": 2_745, "estimate": 2_150, "plots": 2_011}
 LINES |= {"limit_analysis": 421}
 LINES |= {"sensitivity": 843, "cost": 651, "cli": 3_563}
 LINES |= {"meshes": 6_631, "meshes/io": 1_388, "vem": 2_627}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
-TOP = 1_854
+TOP = 1_856
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 20_850
 """Largest number of lines of the tests of the folders in `LINES`."""

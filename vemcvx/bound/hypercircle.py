@@ -45,7 +45,7 @@ from vemcvx.bound.surface import Boundary, Surface, free_alone
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene import InitialStresses, PosedScene
-from vemcvx.vem import elastic_matrix
+from vemcvx.vem.tensors import elastic_matrix
 
 
 @dataclass(frozen=True, eq=False)

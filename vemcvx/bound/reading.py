@@ -51,7 +51,8 @@ from vemcvx.effects import Contribution, Effect, Friction, Load, MaterialLaw, Ob
 from vemcvx.linear import Factor
 from vemcvx.meshes.polygons import positions
 from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
-from vemcvx.vem import Space, elastic_matrix
+from vemcvx.vem import Space
+from vemcvx.vem.tensors import elastic_matrix
 
 SAFETY = 2.0
 """Safety factor of the difference between two readings."""

@@ -20,7 +20,8 @@ from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons import cell_of_corner, corner_edges, positions, right_of
 from vemcvx.scene import ContactRows, InitialStresses, PosedScene, jump_rows
-from vemcvx.vem import elastic_matrix, mean_shear
+from vemcvx.vem.elasticity import mean_shear
+from vemcvx.vem.tensors import elastic_matrix
 
 
 @dataclass(frozen=True)

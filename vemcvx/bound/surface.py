@@ -29,7 +29,7 @@ from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.program.kernel import balance_multipliers
 from vemcvx.scene import ContactRows, PosedScene
-from vemcvx.vem import tangents_of
+from vemcvx.vem.projection import tangents_of
 
 MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 """The integrals int phi_i phi_j of linear basis functions over an edge of length one."""

@@ -27,7 +27,8 @@ from vemcvx.effects.effect import (
     amount,
     where,
 )
-from vemcvx.vem import BoundaryRows, Space, tangents_of
+from vemcvx.vem import BoundaryRows, Space
+from vemcvx.vem.projection import tangents_of
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from vemcvx.base.arrays import (
 )
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh
-from vemcvx.vem import component_names
+from vemcvx.vem.tensors import component_names
 
 
 class Tabulated:

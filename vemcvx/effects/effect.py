@@ -25,12 +25,16 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx import vem
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, call_function, drop_tails, read_only
 from vemcvx.base.errors import SceneError
 from vemcvx.base.weight_law import Law
 from vemcvx.effects import data
-from vemcvx.vem import BoundaryRows, EdgeEnds, Space, Stabilisation
+from vemcvx.vem import BoundaryRows, Space, Stabilisation
+from vemcvx.vem.boundary import EdgeEnds
+from vemcvx.vem.elasticity import softest_shear, stiffness_of
+from vemcvx.vem.projection import tangents_of
+from vemcvx.vem.stabilisation import VertexWeights, remainder_energies
+from vemcvx.vem.tensors import elastic_matrix
 
 
 @dataclass(frozen=True)
@@ -308,7 +312,7 @@ class Friction(ContactSurface):
     @property
     def in_plane(self) -> bool:
         """True if the normals are those of a body in the plane."""
-        return len(vem.tangents_of(self.normals[:1]).swapaxes(0, 1)) == 1
+        return tangents_of(self.normals[:1]).shape[1] == 1
 
     @property
     def across(self) -> Floats:
@@ -325,7 +329,7 @@ class Friction(ContactSurface):
         if self.ellipse is not None:
             return self.ellipse.vectors(self.normals, times)
         if self.directions is None or self.in_plane:
-            return vem.tangents_of(self.across)
+            return tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
@@ -411,8 +415,7 @@ class Material:
     subject : str
         The name of the effect in messages.
     moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells) array
-        Lame's lam (already reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row
-        (:mod:`vemcvx.vem.tensors`). Force per area.
+        Lame's lam (reduced in plane stress) and mu, or the upper triangle of the elastic matrix; force per area.
     thermal_stress_moduli : (n_cells, components) array
         b: an eigenstrain s, equal in all directions of space, causes the stress -b s where it is blocked.
     plane : {"strain", "stress", "axisymmetric"}
@@ -423,7 +426,7 @@ class Material:
         The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus the stress zz for a blocked unit eigenstrain.
         Zero in plane stress; None in space, in bodies of revolution, and if the law does not define zz.
     stabilisation : Stabilisation, optional
-        S_K; None means "shear" (:func:`vemcvx.vem.softest_shear`).
+        S_K; None means "shear" with the softest shear modulus.
     at : callable (x, cells) -> (moduli, thermal stress moduli), optional
         The moduli (as an upper triangle) at points x (k, dim) of cells (k,); None if they are constant in every cell.
 
@@ -445,19 +448,19 @@ class Material:
 
     def elastic(self, dim: int) -> Floats:
         """Return the elastic matrices (n_cells, 3, 3), in space (n_cells, 6, 6)."""
-        return vem.elastic_matrix(self.moduli, dim)
+        return elastic_matrix(self.moduli, dim)
 
     def choose_stabilisation(self, dim: int) -> Stabilisation:
         """Return S_K; if the material has none, the stabilisation "shear" with the softest shear modulus."""
-        return self.stabilisation or vem.VertexWeights(vem.softest_shear(self.elastic(dim)))
+        return self.stabilisation or VertexWeights(softest_shear(self.elastic(dim)))
 
-    def stiffness(self, space: Space) -> vem.SumOverCells:
+    def stiffness(self, space: Space) -> sp.csr_matrix:
         """Return the stiffness matrix of these cells."""
-        return vem.stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
+        return stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
 
     def stabilisation_energies(self, space: Space, u: Floats) -> Floats:
         """Return S_K(u - Pi u, u - Pi u) of every cell, (n_cells,), for displacements u (n_nodes, dim)."""
-        return vem.missed_energies(space, self.choose_stabilisation(space.dim), self.elastic(space.dim), u)
+        return remainder_energies(space, self.choose_stabilisation(space.dim), self.elastic(space.dim), u)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
 from vemcvx.effects.materials import cells_of, nodes_of
-from vemcvx.vem import EdgeEnds, Part, Space, cell_load, edge_load, rigid_modes
+from vemcvx.vem import Part, Space, cell_load, edge_load
+from vemcvx.vem.boundary import EdgeEnds
+from vemcvx.vem.elasticity import rigid_modes
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,15 @@ from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import numpy as np
 
-from vemcvx import vem
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, choice, directions
 from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, Support, amount, where
-from vemcvx.vem import Space, Stabilisation
-from vemcvx.vem.tensors import COMPONENTS
+from vemcvx.vem import Space, Stabilisation, stiffness
+from vemcvx.vem.elasticity import softest_shear
+from vemcvx.vem.stabilisation import stabilisation_of
+from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, isotropic_stress, moduli_of_revolution, upper_triangle
 
 PLANES = ("strain", "stress")
 REVOLVED = "axisymmetric"
@@ -78,7 +79,7 @@ class _Elastic(MaterialLaw):
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
             there = self._law(data.InCells(space.mesh, x, within), space)
-            return vem.upper_triangle(vem.elastic_matrix(there.moduli, dim)), there.thermal_stress_moduli
+            return upper_triangle(elastic_matrix(there.moduli, dim)), there.thermal_stress_moduli
 
         constants = (one for given in vars(self).values() for one in (given if _is_sequence(given) else [given]))
         material = Material(
@@ -88,7 +89,7 @@ class _Elastic(MaterialLaw):
             plane=self._plane if space.in_plane else "strain",
             cells=None if self.on is None else cells,
             out_of_plane=(law.out_of_plane.T * inside).T if space.components == 3 else None,
-            stabilisation=vem.stabilisation_of(self.stabilisation, law.shear * inside),
+            stabilisation=stabilisation_of(self.stabilisation, law.shear * inside),
             at=at if data.varies(*constants) else None,
         )
         return Contribution(material=material, supports=self._axis(space) if space.axisymmetric else ())
@@ -203,9 +204,9 @@ class Elasticity(_Elastic):
         volume = 3 * lam + 2 * mu if strain else 2 * (lam + mu)
         if self._plane == REVOLVED:
             blocked = np.column_stack([volume, volume, np.zeros_like(volume), volume])
-            return Moduli(vem.moduli_of_revolution(lam, mu), blocked, np.zeros((len(mu), 4)), mu)
+            return Moduli(moduli_of_revolution(lam, mu), blocked, np.zeros((len(mu), 4)), mu)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(strain)
-        return Moduli(np.stack([lam, mu]), vem.isotropic_stress(volume, space.dim), out_of_plane, mu)
+        return Moduli(np.stack([lam, mu]), isotropic_stress(volume, space.dim), out_of_plane, mu)
 
     def _lame(self, at: data.InCells) -> tuple[Floats, Floats]:
         E, nu, strain = self._read("young", at), self._read("poisson", at), self._plane != "stress"
@@ -290,7 +291,7 @@ class Orthotropic(_Elastic):
         out_of_plane = np.column_stack([C[:, 2, IN_PLANE], blocked[:, 2]]) * float(plane == "strain")
         if plane is not None:
             C, blocked = C[:, IN_PLANE][:, :, IN_PLANE], blocked[:, IN_PLANE]
-        return Moduli(vem.upper_triangle(C), blocked, out_of_plane, 0.5 * vem.softest_shear(C))
+        return Moduli(upper_triangle(C), blocked, out_of_plane, 0.5 * softest_shear(C))
 
     def describe(self) -> str:
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
@@ -396,7 +397,7 @@ class Viscosity(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         eta, zeta = (self._read(name, data.InCells(space.mesh)) for name in ("shear", "volume"))
-        return Contribution(viscosity=vem.stiffness(space, zeta, eta, stabilisation="shear"))
+        return Contribution(viscosity=stiffness(space, zeta, eta, stabilisation="shear"))
 
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"

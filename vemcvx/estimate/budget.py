@@ -25,7 +25,7 @@ from vemcvx.history import History, scene_of
 from vemcvx.results import displacement
 from vemcvx.scene import PosedScene, pose_scene
 from vemcvx.stepping import Trajectory, prepare
-from vemcvx.vem import cell_energies
+from vemcvx.vem.elasticity import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:

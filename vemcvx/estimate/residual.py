@@ -59,8 +59,10 @@ from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
 from vemcvx.meshes.polyhedra import list_faces
 from vemcvx.scene import ContactRows, PosedScene, jump_rows
-from vemcvx.vem import elastic_matrix, mean_shear, strains, stresses, tractions
+from vemcvx.vem import strains
+from vemcvx.vem.elasticity import mean_shear
 from vemcvx.vem.projection import face_groups
+from vemcvx.vem.tensors import elastic_matrix, stresses, tractions
 
 CONSTANT, IN_SPACE = 0.63, 0.8
 """The constants c in the plane and in space. Terms of q, of the stabilisation and of data errors have no factor c."""

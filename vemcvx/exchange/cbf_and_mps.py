@@ -7,10 +7,8 @@ CBF, the Conic Benchmark Format (version 1), has one cone per norm term, and one
                 (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone per term
                 e - D d + c p          in L+        p is the force of a soft limit
 
-F is a root of K. If the program has the roots of the cell matrices (SolvedProgram.energy_rows), F stacks these roots;
-otherwise, F is the Cholesky factor, which has fill-in. For a dense K with a kernel of k motions, F has n - k rows.
-Reading gives K = F'F, with the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual
-of L+ is p.
+F is the Cholesky factor of K; for a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F, with
+the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
 
@@ -39,7 +37,7 @@ from scipy.sparse.linalg import splu
 from vemcvx.base.arrays import Floats, Ints
 from vemcvx.base.errors import ProgramError
 from vemcvx.exchange.arrays import matrix_with_kernel, program_from_arrays
-from vemcvx.program import SECOND_ORDER_CONES, SolvedProgram, StepProgram
+from vemcvx.program import SECOND_ORDER_CONES, StepProgram
 
 HEAD = "vemcvx program: unknowns {} terms {} block {} limits {} soft {} motions {}"
 
@@ -73,10 +71,8 @@ def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
 
 
 def root(program: StepProgram) -> sp.csr_matrix:
-    """Return F with F'F = K: the stacked roots of the cell matrices if the program has them, else a factor."""
+    """Return F with F'F = K; raise ProgramError for a sparse K with a kernel."""
     operators, K = program.operators, program.operators.K
-    if isinstance(program, SolvedProgram) and program.energy_rows is not None:
-        return program.energy_rows()
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):
             raise ProgramError(

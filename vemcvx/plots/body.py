@@ -22,7 +22,7 @@ from vemcvx.plots import style
 from vemcvx.plots.contact import contact_line
 from vemcvx.plots.style import Units, Window, common_magnification, extent, instant, label, label_axes, units_of, within
 from vemcvx.results import Results, last_of_largest
-from vemcvx.vem import component_names
+from vemcvx.vem.tensors import component_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

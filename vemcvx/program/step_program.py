@@ -13,7 +13,7 @@ force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -486,8 +486,6 @@ class SolvedProgram(StepProgram):
         Derivative, at the answer, of weights with respect to forces of limits: under Coulomb's law, the coefficients.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
-    energy_rows : callable () -> (k, n) sparse matrix, optional
-        A sparse matrix F with F'F = K, for conic file formats; for a body, roots of the stiffness matrices of cells.
 
     Examples
     --------
@@ -501,7 +499,6 @@ class SolvedProgram(StepProgram):
     t: float
     slope: sp.csr_matrix | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
-    energy_rows: Callable[[], sp.csr_matrix] | None = None
 
     @cached_property
     def certificate(self) -> Certificate:

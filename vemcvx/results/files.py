@@ -55,8 +55,8 @@ from vemcvx.results.forces import largest
 from vemcvx.results.quoted import Extreme, Quantity
 from vemcvx.results.results import RECORDS, Results, list_arrays, size_of
 from vemcvx.results.tables import FILES, write_tables
-from vemcvx.vem import VertexWeights, component_names
-from vemcvx.vem.tensors import AXISYMMETRIC
+from vemcvx.vem.stabilisation import VertexWeights
+from vemcvx.vem.tensors import AXISYMMETRIC, component_names
 
 NAME = "vemcvx history"
 ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"

@@ -36,7 +36,8 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.rows import ContactRows
 from vemcvx.stepping import Trajectory
-from vemcvx.vem import Space, rigid_modes
+from vemcvx.vem import Space
+from vemcvx.vem.elasticity import rigid_modes
 from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")

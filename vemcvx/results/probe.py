@@ -30,7 +30,8 @@ from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, find_containing, next_vertex, outlines, overlapping_boxes
 from vemcvx.results.results import Results
-from vemcvx.vem import Space, solid_places
+from vemcvx.vem import Space
+from vemcvx.vem.points_in_solids import solid_places
 
 
 @dataclass(frozen=True, eq=False)

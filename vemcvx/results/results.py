@@ -27,17 +27,11 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
-from vemcvx.vem import (
-    Space,
-    Stabilisation,
-    VertexWeights,
-    equivalent,
-    mean_weights,
-    principal,
-    rigid_modes,
-    strains,
-    stresses,
-)
+from vemcvx.vem import Space, Stabilisation, strains
+from vemcvx.vem.elasticity import rigid_modes
+from vemcvx.vem.loads import mean_weights
+from vemcvx.vem.stabilisation import VertexWeights
+from vemcvx.vem.tensors import equivalent, principal, stresses
 
 log = logging.getLogger("vemcvx")
 
@@ -547,13 +541,11 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 
 
 def with_origin(
-    programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], condense: bool, **more: str
+    programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], **more: str
 ) -> Iterator[SolvedProgram]:
-    """Yield programs with their origin (scene, mesh, solver) and, if K is not condensed, a matrix F with F'F = K."""
-    for program in programs:
-        rows = None if condense else posed.energy_rows
-        origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
-        yield replace(program, origin=origin, energy_rows=rows)
+    """Yield programs with their origin: scene, mesh and solver."""
+    origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
+    return (replace(program, origin=origin) for program in programs)
 
 
 def size_of(mesh: Mesh) -> dict[str, Any]:
@@ -571,4 +563,4 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
     with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
     found = programs_of_trajectory(posed.system, history.trajectory, numbers, condense)
-    return with_origin(found, posed, history.effects, condense, solver=history.solver)
+    return with_origin(found, posed, history.effects, solver=history.solver)

@@ -21,7 +21,9 @@ from vemcvx.effects import cells_of
 from vemcvx.results.forces import moments
 from vemcvx.results.probe import FIELDS
 from vemcvx.results.results import Results
-from vemcvx.vem import Space, mean_weights, stiffness_of, stress_load
+from vemcvx.vem import Space, stress_load
+from vemcvx.vem.elasticity import stiffness_of
+from vemcvx.vem.loads import mean_weights
 
 
 class Section(NamedTuple):
@@ -70,7 +72,7 @@ def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
         raise SceneError("section: a history does not keep the stresses of viscosity; use history.force instead.")
     if history.stabilisation is None:
         raise HistoryError("section: files do not keep a user-defined stabilisation; simulate the scene again.")
-    A = stiffness_of(space, history.moduli * some, history.stabilisation).whole()
+    A = stiffness_of(space, history.moduli * some, history.stabilisation)
     q = np.stack([A @ u.ravel() for u in history.displacement])
     if history.prestress is not None:
         T = stress_load(space)

@@ -30,7 +30,7 @@ from vemcvx.scene.rows import (
     slices_of,
 )
 from vemcvx.scene.supports import Supports
-from vemcvx.vem import tangents_of
+from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a contact node in four cases: (1) its tangent is free; (2) its normal is free (on the
 # axis of a half model, where a support holds the tangent); (3) contact holds its normal, and a support its tangent; (4)

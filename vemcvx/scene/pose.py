@@ -28,7 +28,8 @@ from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, float
 from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, check_bonds, check_off_axis, resolve
-from vemcvx.vem import Space, energy_rows, rigid_modes
+from vemcvx.vem import Space
+from vemcvx.vem.elasticity import rigid_modes
 from vemcvx.vem.tensors import AXISYMMETRIC
 
 
@@ -138,15 +139,6 @@ class PosedScene:
             dragged=terms.immovable_terms(supports),
         )
 
-    @property
-    def energy_rows(self) -> Callable[[], sp.csr_matrix] | None:
-        """A function that returns a sparse F with F'F = K; None with springs, dashpots, or in bodies of revolution."""
-        if self.springs is not None or self.viscosity is not None or self.space.axisymmetric:
-            return None
-        space, P, C = self.space, self.supports.P, self.material.elastic(self.space.dim)
-        stabilisation = self.material.choose_stabilisation(space.dim)
-        return lambda: sp.csr_matrix(energy_rows(space, C, stabilisation) @ P)
-
     def force(self, t: float) -> Floats:
         """Return the nodal load f (n_u,), without reactions."""
         f = np.zeros(self.A.shape[0])
@@ -187,7 +179,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     known = times if len(times) else between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
     # The moduli of a material give its stiffness, unless the material contributes a stiffness matrix.
-    forms = [p.material.stiffness(space).whole() for p in parts if p.material is not None and p.stiffness is None]
+    forms = [p.material.stiffness(space) for p in parts if p.material is not None and p.stiffness is None]
     laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
     posed = PosedScene(
         scene=scene,

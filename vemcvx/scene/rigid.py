@@ -25,8 +25,9 @@ from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.rows import pairs_of
 from vemcvx.scene.supports import Supports
-from vemcvx.vem import Space, rigid_modes, split_motion
+from vemcvx.vem import Space
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE
+from vemcvx.vem.elasticity import rigid_modes, split_motion
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx import vem
 from vemcvx.base.arrays import Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
@@ -17,8 +16,10 @@ from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialS
 from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
 from vemcvx.scene.rows import pairs_of
-from vemcvx.vem import MirrorPlanes, Space, Stabilisation, VertexWeights
-from vemcvx.vem.boundary import DIRECTION_TOLERANCE
+from vemcvx.vem import Space, Stabilisation, stress_load
+from vemcvx.vem.boundary import DIRECTION_TOLERANCE, MirrorPlanes
+from vemcvx.vem.stabilisation import InRegions, VertexWeights
+from vemcvx.vem.tensors import upper_triangle
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
@@ -34,13 +35,13 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
         words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
         raise SceneError(f"materials: found {words}; give all materials the same plane=.")
     isotropic, dim = all(len(m.moduli) == 2 for m in materials), mesh.points.shape[1]
-    moduli = [m.moduli if isotropic else vem.upper_triangle(m.elastic(dim)) for m in materials]
+    moduli = [m.moduli if isotropic else upper_triangle(m.elastic(dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     # Each material and its stabilisation vanish in the cells of other materials.
     own: list[Stabilisation] = [m.choose_stabilisation(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
     filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
-    regions = vem.InRegions(tuple(zip(filled, own, strict=True)))
+    regions = InRegions(tuple(zip(filled, own, strict=True)))
     return Material(
         subject="materials",
         moduli=np.sum(moduli, axis=0),
@@ -111,7 +112,7 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
     strains, stresses = (
         tuple(x for part in parts for x in getattr(part, name)) for name in ("eigenstrains", "initial_stresses")
     )
-    return InitialStresses(material, strains, stresses, vem.stress_load(space)) if strains or stresses else None
+    return InitialStresses(material, strains, stresses, stress_load(space)) if strains or stresses else None
 
 
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:

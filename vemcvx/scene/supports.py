@@ -33,8 +33,8 @@ from vemcvx.base.errors import SceneError
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.meshes.polygons import smallest_linked
 from vemcvx.scene.rows import jump_rows, pairs_of, repeat_by_row, slices_of
-from vemcvx.vem import tangents_of
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE
+from vemcvx.vem.projection import tangents_of
 
 Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 

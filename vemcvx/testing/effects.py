@@ -212,7 +212,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
     n, nodes = space.n_unknowns, space.mesh.n_nodes
     own = part.stiffness
     if own is None and part.material is not None:
-        own = part.material.stiffness(space).whole()
+        own = part.material.stiffness(space)
     if own is not None:
         assert own.shape == (n, n)
         assert np.isfinite(own.data).all()

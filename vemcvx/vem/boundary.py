@@ -22,22 +22,7 @@ from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 class SideRule:
     """A quadrature rule on m sides with n nodes each.
 
-    Attributes
-    ----------
-    sides : (m,) array of int
-        Positions of the sides in their `Part`.
-    nodes : (m, n) array of int
-    points : (m, q, dim) array
-        Quadrature points.
-    shares : (m, n, q) array
-        Weights: ``shares[k, j] @ f(points[k])`` is the integral of f phi_i over side k, for i = ``nodes[k, j]``.
-
-    Examples
-    --------
-    >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
-    >>> [rule] = part.rules(2)
-    >>> print(rule.shares.sum(axis=(1, 2)))
-    [0.5 0.5]
+    ``shares[k, j] @ f(points[k])`` is the integral of f phi_i over side k, for i = ``nodes[k, j]``.
     """
 
     sides: Ints
@@ -117,33 +102,11 @@ def edge_part(
     *,
     axisymmetric: bool = False,
 ) -> Part:
-    """Return the part of the boundary that consists of these edges.
+    """Return the part of the boundary that consists of these edges (m, 2), with their cells on the left.
 
-    Parameters
-    ----------
-    edges : (m, 2) array
-        The nodes of each edge, in the order that has the cell of the edge on the left.
-    points : (n_nodes, 2) array
-        The points of the whole mesh.
-    across : (m, 2) array, optional
-        The nodes of other bodies that an interface joins to the nodes of each edge; -1 where there is no interface.
-    mirrors : MirrorPlanes, optional
-        Planes of symmetry at nodes of the mesh.
-    inside : (m, 2) bool array, optional
-        True for nodes in only one cell of the body that defines the boundary. Such a node is a hanging node if the
-        boundary is straight there.
-    axisymmetric : bool
-        True for a body of revolution in the coordinates (r, z). Lengths and quadrature weights then contain the factor
-        2 pi r of the full turn.
-
-    Returns
-    -------
-    Part
-
-    Examples
-    --------
-    >>> vx.vem.edge_part(np.array([[0, 1]]), np.array([[0.0, 0.0], [2.0, 0.0]])).normals
-    array([[ 0., -1.]])
+    `across` (m, 2) has the nodes of other bodies that an interface joins to the nodes of each edge, or -1. `inside`
+    (m, 2) is True for nodes in only one cell of the body that defines the boundary; they are hanging nodes where the
+    boundary is straight. In bodies of revolution, lengths and weights contain the factor 2 pi r of the full turn.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
@@ -283,22 +246,7 @@ cell are one straight side. Points rounded to four digits cause such turns."""
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges (in space: the corners of faces), each with the number of its row.
-
-    Attributes
-    ----------
-    row : (q,) array of int
-    beyond : (q,) array of int
-        The node at the other end of the edge, or the number of the face.
-    lengths : (q,) array
-        int phi_i ds over the edge or face.
-
-    Examples
-    --------
-    >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
-    >>> print(part.node_normals.ends.row)
-    [0 1 1 2]
-    """
+    """The ends of edges (in space: the corners of faces), each with the number of its row."""
 
     row: Ints
     beyond: Ints
@@ -307,21 +255,7 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry at some nodes, normal to the directions in which these nodes are held.
-
-    Attributes
-    ----------
-    nodes : (k,) array of int
-        Ascending node numbers.
-    projections : (k, dim, dim) array
-        Symmetric projections onto the held directions of each node.
-
-    Examples
-    --------
-    >>> mirrors = vx.vem.MirrorPlanes(np.array([0]), np.diag([1.0, 0.0])[None])
-    >>> mirrors.across(np.array([[3.0, 4.0]]), np.array([0]), np.array([-1]))
-    array([[3., 0.]])
-    """
+    """Planes of symmetry at some nodes, normal to the directions in which these nodes are held."""
 
     nodes: Ints
     projections: Floats

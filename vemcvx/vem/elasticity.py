@@ -36,12 +36,10 @@ smallest eigenvalue bounded.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dpstrf
 
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.vem.projection import CellGroup, RingGroup
@@ -50,54 +48,34 @@ from vemcvx.vem.stabilisation import (
     Stabilisation,
     VertexWeights,
     add_stabilisation,
-    missed_energies,
     products_of_remainder,
+    remainder_energies,
     stabilisation_of,
 )
 from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 
-@dataclass(frozen=True, eq=False)
-class SumOverCells:
-    """A matrix (n_u, n_u) over all nodal values, the sum of the local matrices of cells.
+def sum_over_cells(
+    space: Space, local: Callable[..., Floats], filled: Bools, moduli: Sequence[Floats]
+) -> sp.csr_matrix:
+    """Return the sum (n_u, n_u) of the local matrices of cells; column indices are sorted, without duplicates.
 
-    Cells that are translates of each other and have equal moduli share one local matrix.
-
-    Attributes
-    ----------
-    space : Space
-    local : callable
-        Returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their moduli.
-    filled : (n_cells,) bool array
-        Cells with a material, which have local matrices. If no cell has a material, all cells have local matrices.
-    moduli : sequence of arrays (n_cells, ...)
-
-    Examples
-    --------
-    >>> space, moduli = vx.vem.Space(vx.meshes.squares(2)), np.ones((2, 4))
-    >>> vx.vem.stiffness_of(space, moduli, vx.vem.stabilisation_of("shear", moduli[1])).whole().shape
-    (18, 18)
+    `local` returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their
+    `moduli`, arrays (n_cells, ...). Cells that are translates of each other and have equal moduli share one local
+    matrix. Only `filled` cells have a material; if there are none, all cells have local matrices.
     """
-
-    space: Space
-    local: Callable[..., Floats]
-    filled: Bools
-    moduli: Sequence[Floats]
-
-    def whole(self) -> sp.csr_matrix:
-        """Return the matrix; column indices are sorted, without duplicates."""
-        dim, first, blocks, which, nodes = self.space.dim, 0, list[Floats](), list[Ints](), list[Ints]()
-        filled = self.filled if self.filled.any() else np.ones_like(self.filled)
-        for group in self.space.groups:
-            for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks():
-                pairs = chunk.nodes.shape[1] ** 2
-                own = [each[chunk.cells] for each in self.moduli]
-                some, same = distinct([*chunk.shapes, *own])
-                blocks.append(self.local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
-                which.append(((first + pairs * same)[:, None] + np.arange(pairs)).ravel())
-                nodes.append(chunk.nodes)
-                first += len(blocks[-1])
-        return assemble(nodes, np.concatenate(blocks), np.concatenate(which), self.space.mesh.n_nodes)
+    dim, first, blocks, which, nodes = space.dim, 0, list[Floats](), list[Ints](), list[Ints]()
+    filled = filled if filled.any() else np.ones_like(filled)
+    for group in space.groups:
+        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks():
+            pairs = chunk.nodes.shape[1] ** 2
+            own = [each[chunk.cells] for each in moduli]
+            some, same = distinct([*chunk.shapes, *own])
+            blocks.append(local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
+            which.append(((first + pairs * same)[:, None] + np.arange(pairs)).ravel())
+            nodes.append(chunk.nodes)
+            first += len(blocks[-1])
+    return assemble(nodes, np.concatenate(blocks), np.concatenate(which), space.mesh.n_nodes)
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
@@ -172,30 +150,11 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     True
     """
     moduli = moduli_of_revolution(lam, mu) if space.axisymmetric else np.stack([lam, mu])
-    return stiffness_of(space, moduli, stabilisation_of(stabilisation, mu)).whole()
+    return stiffness_of(space, moduli, stabilisation_of(stabilisation, mu))
 
 
-def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> SumOverCells:
-    """Return the matrix of a^h for Lame's constants, or for upper triangles of elastic matrices.
-
-    Parameters
-    ----------
-    space : Space
-    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
-        Force per area; zero on cells of another material.
-    stabilisation : Stabilisation
-
-    Returns
-    -------
-    SumOverCells
-        Its method `whole` assembles the matrix; it raises SceneError if the form of `stabilisation` is not valid.
-
-    Examples
-    --------
-    >>> space, moduli = vx.vem.Space(vx.meshes.squares(2)), np.ones((2, 4))
-    >>> vx.vem.stiffness_of(space, moduli, vx.vem.stabilisation_of("unit", moduli[1])).whole().nnz
-    196
-    """
+def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
+    """Return the matrix of a^h; `moduli` are Lame's constants, or upper triangles of elastic matrices."""
     weights = (stabilisation.tau,) if isinstance(stabilisation, VertexWeights) else ()
 
     def local(cells: CellGroup, moduli: Floats, *tau: Floats) -> Floats:
@@ -207,48 +166,16 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
             add_stabilisation(blocks, cells, stabilisation, C)
         return blocks
 
-    return SumOverCells(space, local, (moduli != 0.0).any(axis=0), (moduli.T, *weights))
+    return sum_over_cells(space, local, (moduli != 0.0).any(axis=0), (moduli.T, *weights))
 
 
 def softest_shear(C: Floats) -> Floats:
-    """Return tau of the stabilisation "shear": the smallest eigenvalue of C_k on deviatoric strains.
-
-    Parameters
-    ----------
-    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-        Elastic matrices, force per area.
-
-    Returns
-    -------
-    (n_cells,) array
-        2 mu if C is isotropic.
-
-    Examples
-    --------
-    >>> vx.vem.softest_shear(vx.vem.elastic_matrix(np.array([[3.0], [0.5]])))
-    array([1.])
-    """
+    """Return tau (n_cells,) of the stabilisation "shear": the smallest eigenvalue of C_k on deviatoric strains."""
     return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
 def mean_shear(C: Floats) -> Floats:
-    """Return the harmonic mean of the eigenvalues of C_k on deviatoric strains.
-
-    Parameters
-    ----------
-    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-        Elastic matrices, force per area.
-
-    Returns
-    -------
-    (n_cells,) array
-        2 mu if C is isotropic, and 0 if an eigenvalue is not positive.
-
-    Examples
-    --------
-    >>> vx.vem.mean_shear(vx.vem.elastic_matrix(np.array([[3.0], [0.5]])))
-    array([1.])
-    """
+    """Return the harmonic mean of the eigenvalues of C_k on deviatoric strains, or 0 if one is not positive."""
     moduli = _deviatoric_moduli(C)
     positive = moduli[:, 0] > 0
     inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)
@@ -299,102 +226,12 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
     return blocks
 
 
-def energy_rows(space: Space, C: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
-    """Return a sparse F (k, n_u) such that F'F is the matrix of a^h over all nodal values.
-
-    Each cell has the rows of |K|^{1/2} R eps(Pi u) with R'R = C, and the nonzero rows of a Cholesky factor of its
-    stabilisation.
-
-    Parameters
-    ----------
-    space : Space
-    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-        Elastic matrices, force per area; zero on cells without a material.
-    stabilisation : Stabilisation
-
-    Returns
-    -------
-    (k, n_u) csr_matrix
-
-    Raises
-    ------
-    SceneError
-        The form of `stabilisation` is not valid.
-
-    Examples
-    --------
-    >>> space, C = vx.vem.Space(vx.meshes.squares(1)), np.eye(3)[None]
-    >>> vx.vem.energy_rows(space, C, vx.vem.stabilisation_of("unit", np.ones(1))).shape
-    (5, 8)
-    """
-    dim, rows = space.dim, 0
-    data, i, j = list[Floats](), list[Ints](), list[Ints]()
-    filled = C[:, 0, 0] > 0.0
-    for group in space.groups:
-        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks():
-            roots = _local_roots(chunk, C[chunk.cells], stabilisation)
-            columns = (dim * chunk.nodes[:, :, None] + np.arange(dim)).reshape(len(roots), 1, -1)
-            own = rows + np.arange(roots.shape[0] * roots.shape[1]).reshape(*roots.shape[:2], 1)
-            there = np.nonzero(roots)
-            data.append(roots[there])
-            i.append(np.broadcast_to(own, roots.shape)[there])
-            j.append(np.broadcast_to(columns, roots.shape)[there])
-            rows += own.size
-    entries = np.concatenate(data), (np.concatenate(i), np.concatenate(j))
-    return sp.csr_matrix(entries, shape=(rows, dim * space.mesh.n_nodes))
-
-
-def _local_roots(cells: CellGroup, C: Floats, stabilisation: Stabilisation) -> Floats:
-    """Return the rows (c, r, n dim) of `energy_rows` for cells with n vertices."""
-    measures, rows = cells.strain_rows()
-    count, components, n, dim = rows.shape
-    upper = np.linalg.cholesky(C / measures[:, None, None]).transpose(0, 2, 1)
-    consistent: Floats = np.matmul(upper, rows.reshape(count, components, n * dim))
-    if cells.simplices:
-        return consistent
-    stable = np.zeros((count, n, n, dim, dim))
-    add_stabilisation(stable, cells, stabilisation, C)
-    size = n * dim
-    rank = size - dim * (dim + 1)  # linear displacements have no energy of the stabilisation
-    roots = np.zeros((count, rank, size))
-    for root, local in zip(roots, stable.transpose(0, 1, 3, 2, 4).reshape(count, size, size), strict=True):
-        factor, order, _, _ = dpstrf(local)
-        root[:, order - 1] = np.triu(factor)[:rank]
-    return np.concatenate([consistent, roots], axis=1)
-
-
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """Return a_K^h(u, u), twice the elastic energy of each cell.
-
-    Parameters
-    ----------
-    space : Space
-    moduli : (2, n_cells), (6, n_cells) or (21, n_cells) array
-        Force per area.
-    stabilisation : Stabilisation
-    u : (n_nodes, dim) array
-        Nodal displacements.
-
-    Returns
-    -------
-    (n_cells,) array
-        Force times length.
-
-    Raises
-    ------
-    SceneError
-        The space is one of a body of revolution.
-
-    Examples
-    --------
-    >>> space, moduli = vx.vem.Space(vx.meshes.squares(1)), np.ones((2, 1))
-    >>> vx.vem.cell_energies(space, moduli, vx.vem.stabilisation_of("shear", moduli[1]), space.mesh.points).round(9)
-    array([8.])
-    """
+    """Return a_K^h(u, u), twice the elastic energy of each cell; raise SceneError for bodies of revolution."""
     space.refuse_revolution("cell_energies")
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
-    missed = missed_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
+    missed = remainder_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
     return np.asarray(space.mesh.measures * density + missed)
 
 
@@ -428,21 +265,9 @@ def strains(space: Space, u: Floats) -> Floats:
 
 
 def rigid_modes(points: Floats) -> Floats:
-    """Return the infinitesimal rigid motions: translations along the axes, then rotations about the origin.
+    """Return the rigid motions (n_u, 3), in space (n_u, 6): translations along the axes, then rotations.
 
-    Parameters
-    ----------
-    points : (n_nodes, dim) array
-
-    Returns
-    -------
-    (n_u, 3) array, in space (n_u, 6)
-        The rotation in the plane is (-y, x); the rotations in space are (0, -z, y), (z, 0, -x) and (-y, x, 0).
-
-    Examples
-    --------
-    >>> vx.vem.rigid_modes(np.array([[2.0, 1.0]])).tolist()
-    [[1.0, 0.0, -1.0], [0.0, 1.0, 2.0]]
+    The rotation in the plane is (-y, x); the rotations in space are (0, -z, y), (z, 0, -x) and (-y, x, 0).
     """
     dim = points.shape[1]
     turns = ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1))
@@ -456,20 +281,5 @@ def rigid_modes(points: Floats) -> Floats:
 
 
 def split_motion(mode: Floats) -> tuple[Floats, Floats]:
-    """Split coefficients of rigid modes into translation and rotation.
-
-    Parameters
-    ----------
-    mode : (3,) array, in space (6,)
-
-    Returns
-    -------
-    translation : (dim,) array
-    rotation : (1,) array, in space (3,)
-
-    Examples
-    --------
-    >>> vx.vem.split_motion(np.array([1.0, 2.0, 3.0]))
-    (array([1., 2.]), array([3.]))
-    """
+    """Return the translation (dim,) and the rotation (1,), in space (3,), of coefficients of rigid modes."""
     return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])

@@ -47,26 +47,7 @@ Rule = tuple[Floats, Floats, Ints]
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
-    """Return a quadrature rule on cells, with points inside the cells.
-
-    Parameters
-    ----------
-    group : CellGroup
-
-    Returns
-    -------
-    points : (q, dim) array
-    weights : (q,) array
-        The weights of a cell add up to its area or volume.
-    owner : (q,) array of int
-        For each point, the position of its cell in the group.
-
-    Examples
-    --------
-    >>> [group] = vx.vem.Space(vx.meshes.squares(1)).groups
-    >>> vx.vem.cell_quadrature(group)[1]
-    array([0.25, 0.25, 0.25, 0.25])
-    """
+    """Return points (q, dim) inside the cells, their weights (q,), and the positions of their cells in the group."""
     if isinstance(group, PolyhedronGroup):
         return group.quadrature()
     points, weights, owner = _plane_quadrature(group)
@@ -170,7 +151,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     Returns
     -------
     points : (q, dim) array
-        Points inside the cells: :func:`vemcvx.vem.loads.cell_quadrature`.
+        Points inside the cells.
     matrix : (n_u, dim q) csr_matrix
         ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), 1 in (r, z) and in space.
     cells : (q,) array of int
@@ -194,23 +175,9 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
-    """Return the weights of nodal values in the integrals of Pi u and of its gradient over some cells.
+    """Return the weights of nodal values in the integrals of Pi u (n_nodes,) and of its gradient (n_nodes, dim).
 
-    Parameters
-    ----------
-    space : Space
-    some : (n_cells,) bool array
-
-    Returns
-    -------
-    values : (n_nodes,) array
-        Weights for the integral of Pi u. Over a cell K, this integral is |K| times Pi u at the centroid.
-    gradient : (n_nodes, dim) array
-
-    Examples
-    --------
-    >>> vx.vem.mean_weights(vx.vem.Space(vx.meshes.squares(1)), np.array([True]))[0]
-    array([0.25, 0.25, 0.25, 0.25])
+    The integrals are over the cells that are True in `some`. Over a cell K, int Pi u is |K| times Pi u at the centroid.
     """
     mesh = space.mesh
     cells, gradient = np.flatnonzero(some), np.zeros(mesh.points.shape)
@@ -262,23 +229,7 @@ def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
-    """Return the mean strain of a displacement on each cell.
-
-    Parameters
-    ----------
-    space : Space
-    displacement : callable
-        A function of points (q, dim) with values (q, dim).
-
-    Returns
-    -------
-    (n_cells, components) array
-
-    Examples
-    --------
-    >>> vx.vem.mean_strains(vx.vem.Space(vx.meshes.squares(1)), lambda x: x[:, ::-1] * 0.5).round(9) + 0.0
-    array([[0., 0., 1.]])
-    """
+    """Return the mean strain of a displacement on each cell; it maps points (q, dim) to vectors (q, dim)."""
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
         part = face_part(np.arange(mesh.n_faces), mesh)

@@ -20,27 +20,9 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return two matrices that give values at points: the first from nodal values, the second from cell values.
+    """Return two matrices that give values at points (p, 3): the first from nodal values, the second from cell values.
 
     Where several cells meet at a point, the cell values are averaged. Points outside the mesh have empty rows.
-
-    Parameters
-    ----------
-    space : Space
-    mesh : PolyhedralMesh
-        The mesh of the space.
-    x : (p, 3) array
-
-    Returns
-    -------
-    nodes : (p, n_nodes) csr_matrix
-    cells : (p, n_cells) csr_matrix
-
-    Examples
-    --------
-    >>> mesh = vx.meshes.cubes(1)
-    >>> vx.vem.solid_places(vx.vem.Space(mesh), mesh, np.array([[0.5, 0.5, 0.5]]))[1].toarray()
-    array([[1.]])
     """
     # Each point meets a few hundred triangles, so points are treated in batches.
     parts = [_places(space, mesh, x[k : k + CHUNK_SIZE]) for k in range(0, len(x), CHUNK_SIZE)]

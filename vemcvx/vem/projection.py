@@ -59,23 +59,10 @@ def boundary_weights(corners: Floats) -> Floats:
 
 
 def tangents_of(normals: Floats) -> Floats:
-    """Return orthonormal tangents of each unit normal; they are exact if the normal is along a coordinate axis.
+    """Return orthonormal tangents (k, dim - 1, dim) of unit normals (k, dim), exact for normals along an axis.
 
     The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space, the first tangent
     is the projection of the axis farthest from the normal, and (t1, t2, n) is right-handed.
-
-    Parameters
-    ----------
-    normals : (k, dim) array
-
-    Returns
-    -------
-    (k, dim - 1, dim) array
-
-    Examples
-    --------
-    >>> vx.vem.tangents_of(np.array([[0.0, -1.0]]))
-    array([[[1., 0.]]])
     """
     if normals.shape[1] == 2:
         return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]

@@ -75,18 +75,7 @@ class Stabilisation(ABC):
 
 @dataclass(frozen=True, eq=False)
 class VertexWeights(Stabilisation):
-    """The stabilisation S = tau h_K^(dim - 2) I.
-
-    Attributes
-    ----------
-    tau : (n_cells,)
-        Modulus of u - Pi u, force per area.
-
-    Examples
-    --------
-    >>> vx.vem.VertexWeights(np.array([2.0])).describe()
-    'VertexWeights'
-    """
+    """The stabilisation S = tau h_K^(dim - 2) I; tau (n_cells,) is a modulus, force per area."""
 
     tau: Annotated[Floats, "cells", "force/area"]
 
@@ -97,19 +86,7 @@ class VertexWeights(Stabilisation):
 
 @dataclass(frozen=True, eq=False)
 class InRegions(Stabilisation):
-    """The stabilisations of several materials.
-
-    Attributes
-    ----------
-    regions : tuple of ((n_cells,) bool array, Stabilisation)
-        The cells of each material, and its stabilisation.
-
-    Examples
-    --------
-    >>> soft, stiff = np.array([True, False]), np.array([False, True])
-    >>> weights = [vx.vem.VertexWeights(tau * np.ones(2)) for tau in (1.0, 9.0)]
-    >>> both = vx.vem.InRegions(((soft, weights[0]), (stiff, weights[1])))
-    """
+    """The stabilisations of several materials; each region has its cells (n_cells,), True or False, and its S_K."""
 
     regions: tuple[tuple[Bools, Stabilisation], ...]
 
@@ -125,28 +102,7 @@ class InRegions(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return the stabilisation with the given name; return a given stabilisation unchanged.
-
-    Parameters
-    ----------
-    given : {"shear", "unit"}, or Stabilisation
-    shear : (n_cells,) array
-        Shear moduli mu, force per area; zero on cells without a material.
-
-    Returns
-    -------
-    Stabilisation
-
-    Raises
-    ------
-    SceneError
-        There is no stabilisation of this name.
-
-    Examples
-    --------
-    >>> vx.vem.stabilisation_of("shear", np.array([3.0])).tau
-    array([6.])
-    """
+    """Return the stabilisation of this name for shear moduli mu (n_cells,); return a given stabilisation unchanged."""
     if isinstance(given, Stabilisation):
         return given
     if given not in NAMES:
@@ -225,29 +181,8 @@ def products_of_remainder(Pi: Floats) -> Floats:
     return 0.5 * (product + product.transpose(0, 2, 1))
 
 
-def missed_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Floats) -> Floats:
-    """Return the energies S_K(u - Pi u, u - Pi u) of all cells.
-
-    Parameters
-    ----------
-    space : Space
-    stabilisation : Stabilisation
-    C : (n_cells, components, components) array
-        Elastic matrices, force per area; zero on cells without a material.
-    u : (n_nodes, dim) array
-        Nodal displacements.
-
-    Returns
-    -------
-    (n_cells,) array
-        Force times length; zero on cells without a material.
-
-    Examples
-    --------
-    >>> space = vx.vem.Space(vx.meshes.squares(1))
-    >>> vx.vem.missed_energies(space, vx.vem.VertexWeights(np.ones(1)), np.eye(3)[None], space.mesh.points)
-    array([0.])
-    """
+def remainder_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Floats) -> Floats:
+    """Return S_K(u - Pi u, u - Pi u) of all cells, (n_cells,); zero on cells without a material."""
     energies = np.zeros(space.mesh.n_cells)
     for group in space.groups:
         for chunk in () if group.simplices else group.chunks():

@@ -27,63 +27,17 @@ COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 
 
 def component_names(dim: int) -> tuple[str, ...]:
-    """Return the names of the components of symmetric tensors.
-
-    Parameters
-    ----------
-    dim : int
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> vx.vem.component_names(2)
-    ('xx', 'yy', 'xy')
-    """
+    """Return the names of the components of symmetric tensors, such as ("xx", "yy", "xy")."""
     return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
 
 
 def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """Return stresses that are equal in all directions.
-
-    Parameters
-    ----------
-    value : (k,) array
-    dim : int
-
-    Returns
-    -------
-    (k, components) array
-
-    Examples
-    --------
-    >>> vx.vem.isotropic_stress(np.array([5.0]), 2)
-    array([[5., 5., 0.]])
-    """
+    """Return stresses (k, components) that are equal in all directions, with these values (k,)."""
     return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 
 def stresses(moduli: Floats, strain: Floats) -> Floats:
-    """Return the stresses of strains.
-
-    Parameters
-    ----------
-    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
-        Force per area.
-    strain : (n_cells, components) array
-
-    Returns
-    -------
-    (n_cells, components) array
-        Force per area.
-
-    Examples
-    --------
-    >>> vx.vem.stresses(np.array([[1.0], [2.0]]), np.array([[0.1, 0.0, 0.2]]))
-    array([[0.5, 0.1, 0.4]])
-    """
+    """Return the stresses (n_cells, components) of strains."""
     if len(moduli) != 2:
         return np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
     lam, mu = moduli
@@ -94,24 +48,7 @@ def stresses(moduli: Floats, strain: Floats) -> Floats:
 
 
 def tractions(sigma: Floats, normals: Floats) -> Floats:
-    """Return the tractions sigma n.
-
-    Parameters
-    ----------
-    sigma : (k, components) array
-        Stresses.
-    normals : (k, dim) array
-        Normals of any length.
-
-    Returns
-    -------
-    (k, dim) array
-
-    Examples
-    --------
-    >>> vx.vem.tractions(np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 0.0]]))
-    array([[1., 3.]])
-    """
+    """Return the tractions sigma n (k, dim) of stresses (k, components); the normals may have any length."""
     force = np.zeros(normals.shape)
     for component, (a, b) in zip(sigma.T, COMPONENTS[normals.shape[1]], strict=True):
         force[:, a] += component * normals[:, b]
@@ -121,24 +58,7 @@ def tractions(sigma: Floats, normals: Floats) -> Floats:
 
 
 def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
-    """Return the elastic matrix of each cell.
-
-    Parameters
-    ----------
-    moduli : (2, n_cells), (6, n_cells), (10, n_cells) or (21, n_cells) array
-        Lame's constants, or the upper triangle of the elastic matrix by rows.
-    dim : int
-        The dimension, if `moduli` are Lame's constants; otherwise the number of moduli determines the dimension.
-
-    Returns
-    -------
-    (n_cells, 3, 3) array, in space (n_cells, 6, 6), in a body of revolution (n_cells, 4, 4)
-
-    Examples
-    --------
-    >>> vx.vem.elastic_matrix(np.array([[1.0], [2.0]])).tolist()
-    [[[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 2.0]]]
-    """
+    """Return the elastic matrix of each cell, (n_cells, 3, 3) in the plane; `dim` is used for Lame's constants only."""
     if len(moduli) != 2:
         size = isqrt(2 * len(moduli))
         upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
@@ -157,63 +77,19 @@ AXISYMMETRIC = 10
 
 
 def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
-    """Return the moduli (10, n_cells) of an isotropic body of revolution, from Lame's constants.
-
-    Parameters
-    ----------
-    lam, mu : (n_cells,) array
-
-    Returns
-    -------
-    (10, n_cells) array
-        The upper triangle of the elastic matrix for e_rr, e_zz, 2 e_rz and the hoop strain.
-
-    Examples
-    --------
-    >>> print(vx.vem.moduli_of_revolution(np.array([1.0]), np.array([2.0])).T)
-    [[5. 1. 0. 1. 5. 0. 1. 2. 0. 5.]]
-    """
+    """Return the moduli (10, n_cells) of an isotropic body of revolution, from Lame's constants."""
     zero, normal = np.zeros_like(lam), lam + 2.0 * mu
     return np.stack([normal, lam, zero, lam, normal, zero, lam, mu, zero, normal])
 
 
 def upper_triangle(C: Floats) -> Floats:
-    """Return the moduli of elastic matrices: their upper triangles by rows.
-
-    Parameters
-    ----------
-    C : (n_cells, 3, 3) array, in space (n_cells, 6, 6)
-
-    Returns
-    -------
-    (6, n_cells) array, in space (21, n_cells)
-
-    Examples
-    --------
-    >>> print(vx.vem.upper_triangle(np.eye(3)[None]).T)
-    [[1. 0. 0. 1. 0. 1.]]
-    """
+    """Return the upper triangles of elastic matrices by rows: (6, n_cells), in space (21, n_cells)."""
     rows, columns = np.triu_indices(C.shape[1])
     return np.ascontiguousarray(C[:, rows, columns].T)
 
 
 def principal(stress: Floats) -> Floats:
-    """Return the principal stresses; in two dimensions, only the two in-plane ones.
-
-    Parameters
-    ----------
-    stress : (n, components) array
-
-    Returns
-    -------
-    (n, dim) array
-        The largest first.
-
-    Examples
-    --------
-    >>> vx.vem.principal(np.array([[0.0, 0.0, 2.0]]))
-    array([[ 2., -2.]])
-    """
+    """Return the principal stresses (n, dim), the largest first; in two dimensions, only the in-plane ones."""
     dim = 3 if stress.shape[1] == len(COMPONENTS[3]) else 2
     tensor = np.empty((len(stress), dim, dim))
     for (a, b), component in zip(COMPONENTS[dim], stress.T, strict=True):
@@ -222,23 +98,7 @@ def principal(stress: Floats) -> Floats:
 
 
 def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
-    """Return von Mises' equivalent stress.
-
-    Parameters
-    ----------
-    stress : (n, 6) array; in the plane (n, 3)
-    out_of_plane : (n,) array; in the plane only
-        The stress zz.
-
-    Returns
-    -------
-    (n,) array
-
-    Examples
-    --------
-    >>> vx.vem.equivalent(np.array([[3.0, 0.0, 0.0]]), np.array([0.0]))
-    array([3.])
-    """
+    """Return von Mises' equivalent stress (n,); in the plane, `out_of_plane` (n,) is the stress zz."""
     xx, yy, *shear = stress.T
     zz = shear.pop(0) if out_of_plane is None else out_of_plane
     apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2

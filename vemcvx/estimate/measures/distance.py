@@ -49,19 +49,11 @@ from vemcvx.base.errors import HistoryError, MeshError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polygons import DEGREE_2_POINTS, cell_of_corner, nearest, outlines, overlaps, places, triangulate
 from vemcvx.results import Results
-from vemcvx.vem import (
-    CellGroup,
-    Space,
-    Stabilisation,
-    cell_energies,
-    elastic_matrix,
-    softest_shear,
-    solid_places,
-    stabilisation_of,
-    strains,
-    stresses,
-    upper_triangle,
-)
+from vemcvx.vem import CellGroup, Space, Stabilisation, strains
+from vemcvx.vem.elasticity import cell_energies, softest_shear
+from vemcvx.vem.points_in_solids import solid_places
+from vemcvx.vem.stabilisation import stabilisation_of
+from vemcvx.vem.tensors import elastic_matrix, stresses, upper_triangle
 
 
 def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: Floats) -> Floats:

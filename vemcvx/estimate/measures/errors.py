@@ -25,7 +25,8 @@ from vemcvx.meshes.polygons import (
 )
 from vemcvx.meshes.polyhedra import list_faces
 from vemcvx.results import Results
-from vemcvx.vem import Space, stresses
+from vemcvx.vem import Space
+from vemcvx.vem.tensors import stresses
 
 # Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
 

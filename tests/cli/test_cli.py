@@ -181,7 +181,6 @@ def test_show_describes_scene_mesh_program_and_solvers(tmp_path):
     assert rows["solvers"] == "Newton, OSQP, Clarabel; the default is Newton"
     assert rows["not accepting"] == "Direct (no absolute values)"
     assert rows["mesh"] == "squares, n = 8: 64 cells, 81 nodes, h = 0.1768"
-    assert rows["shapes"] == "star 0.35 to 0.35, edge 0.71 to 0.71 (good above 0.05 and 0.0001)"
     assert rows["linear solve"].startswith("SuperLU on 136 x 136 with ")
     for effect in (
         "Elasticity: E = 200.0, nu = 0.3, plane strain, shear stabilisation",

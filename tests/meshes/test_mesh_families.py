@@ -174,12 +174,9 @@ def test_hexagons_are_regular_where_they_fit():
 
 
 def test_distortion_moves_inner_nodes_only():
-    mesh, straight = meshes.distorted(6, seed=1, amount=0.9), meshes.squares(6)
+    mesh, straight = meshes.distorted(6, seed=1), meshes.squares(6)
     assert (np.abs(mesh.points - straight.points).max(axis=1) > 0.0).sum() == 25
-    assert np.abs(mesh.points - straight.points).max() <= 0.45 / 6
-    np.testing.assert_array_equal(meshes.distorted(6, amount=0.0).points, straight.points)
-    wild = meshes.distorted(20, seed=2, amount=0.999)
-    PolygonMesh(wild.points, wild.cells)
+    assert np.abs(mesh.points - straight.points).max() <= 0.25 / 6
 
 
 def cross_edges(mesh, cell):
@@ -189,20 +186,17 @@ def cross_edges(mesh, cell):
     return before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
 
 
-@pytest.mark.parametrize("zigzag", [0.15, 0.33])
-def test_nonconvex_cells_are_not_convex(zigzag):
-    mesh = meshes.nonconvex(3, zigzag=zigzag)
-    PolygonMesh(mesh.points, mesh.cells)
+def test_nonconvex_cells_are_not_convex():
+    mesh = meshes.nonconvex(3)
     assert all(cross_edges(mesh, cell).min() < -1e-3 * mesh.areas[0] for cell in mesh.cells)
     np.testing.assert_allclose(mesh.areas, 1.0 / 9.0, rtol=1e-13)
 
 
-@pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
-def test_hanging_nodes_are_vertices_of_larger_cells_too(fraction):
-    mesh = meshes.hanging(4, seed=2, fraction=fraction)
-    assert mesh.n_cells == 16 + 3 * round(fraction * 16)
-    assert any((cross_edges(mesh, cell) == 0.0).any() for cell in mesh.cells) == (fraction == 0.3)
-    assert set(mesh.areas.tolist()) <= {1 / 16, 1 / 64}
+def test_hanging_nodes_are_vertices_of_larger_cells_too():
+    mesh = meshes.hanging(4, seed=2)
+    assert mesh.n_cells == 16 + 3 * 5
+    assert any((cross_edges(mesh, cell) == 0.0).any() for cell in mesh.cells)
+    assert set(mesh.areas.tolist()) == {1 / 16, 1 / 64}
 
 
 def measure_edges(mesh):
@@ -213,44 +207,24 @@ def measure_edges(mesh):
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
     """In long boxes, edges between opposite sides are kept, however short, and the corners of the box remain."""
-    for width, options in ((5.0, {}), (1e-3, {"relaxations": 0, "shortest": 0.1}), (1e3, {"shortest": 0.1})):
+    for width, options in ((5.0, {}), (1e-3, {"shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)
         assert mesh.n_cells == cells
         assert mesh.areas.sum() == pytest.approx(width, rel=1e-12)
-    assert meshes.voronoi3(cells=min(cells, 17), box=ODD).n_cells == min(cells, 17)
 
 
-@mostly_long("seed, relaxations", [(0, 0), (1, 0), (2, 50)])
-def test_voronoi_collapses_short_edges_by_default(seed, relaxations):
-    mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
+@mostly_long("seed", [0, 1, 2])
+def test_voronoi_collapses_short_edges_by_default_and_evens_out_cells(seed):
+    mesh = meshes.voronoi(cells=400, seed=seed)
     PolygonMesh(mesh.points, mesh.cells)
     # The default of `shortest` is 0.02; shorter edges of triangles or between two sides of the box are kept.
     assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
     assert measure_edges(mesh).min() * 20 > 1e-3
-    raw = meshes.voronoi(cells=400, seed=seed, relaxations=0, shortest=0.0)
+    raw = meshes.voronoi(cells=400, seed=seed, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
     assert measure_edges(raw).min() * 20 < 0.02
-    assert raw.areas.std() * 400 > 0.4  # for random seeds in the plane, the standard deviation is 0.53 of the mean
-    assert mesh.areas.std() * 400 < (0.15 if relaxations else 0.7)
-
-
-def test_voronoi_vertices_are_equally_far_from_the_seeds_of_their_cells():
-    """Without relaxation the seeds are known: none is nearer to a vertex than the seeds of the cells at this vertex."""
-    count = 40
-    mesh = meshes.voronoi3(cells=count, seed=3, relaxations=0)
-    seeds = np.random.default_rng(3).random((count, 3))
-    distance = np.linalg.norm(mesh.points[:, None] - seeds, axis=2)
-    nearest = [np.count_nonzero(row < row.min() + 1e-12) for row in distance]
-    np.testing.assert_array_equal(np.bincount(mesh.cell_nodes[1]), nearest)
-    inner = np.argmin(np.linalg.norm(mesh.centroids[:, None] - seeds, axis=2), axis=1)
-    assert len(set(inner)) == count
-
-
-def test_relaxation_evens_out_voronoi_cells_in_space():
-    raw, relaxed = (meshes.voronoi3(4, seed=1, relaxations=k) for k in (0, 10))
-    assert relaxed.volumes.std() < 0.5 * raw.volumes.std()
-    assert relaxed.h < raw.h
+    assert mesh.areas.std() * 400 < 0.15  # for random seeds, the standard deviation is 0.53 of the mean
 
 
 def test_cubes_tetrahedra_and_truncated_octahedra_have_their_closed_forms():

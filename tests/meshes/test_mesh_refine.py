@@ -13,7 +13,7 @@ from scenes import mostly_long, small
 
 import vemcvx as vx
 from vemcvx.estimate.measures.distance import common_rule
-from vemcvx.meshes import PolygonMesh, refinement, tetrahedra
+from vemcvx.meshes import PolygonMesh, tetrahedra
 from vemcvx.meshes.local_refinement import splitting_of
 
 FATTEST = defaultdict(
@@ -60,16 +60,16 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, passes):
     random = np.random.default_rng(2)
     for _ in range(passes):
         before, short = mesh, (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
-        found = refinement(mesh, random.random(mesh.n_cells) < 0.2)
-        mesh = found.mesh
+        mesh = mesh.with_cell_data("parent", np.arange(mesh.n_cells)).refine(random.random(mesh.n_cells) < 0.2)
+        parents = mesh.cell_data["parent"]
         PolygonMesh(mesh.points, mesh.cells)
         assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
         # Each child is inside its parent, and the children fill the parent.
         rule = common_rule(before, mesh)
-        there = rule.first == found.parents[rule.second]
+        there = rule.first == parents[rule.second]
         inside = np.bincount(rule.second[there], rule.weights[there], mesh.n_cells)
         np.testing.assert_allclose(inside, mesh.areas, rtol=1e-12)
-        np.testing.assert_allclose(np.bincount(found.parents, weights=mesh.areas), before.areas, rtol=1e-12)
+        np.testing.assert_allclose(np.bincount(parents, weights=mesh.areas), before.areas, rtol=1e-12)
         assert measure_slenderness(mesh) < max(FATTEST[family], 1.0 + measure_slenderness(before))
         # One refinement of a cell halves an edge at most once.
         edge = (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
@@ -79,12 +79,12 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, passes):
 
 @pytest.mark.long
 def test_short_voronoi_edges_do_not_make_slender_children():
-    mesh = vx.meshes.voronoi(5, relaxations=0, shortest=0.0, seed=2)
+    mesh = vx.meshes.voronoi(5, shortest=0.0, seed=19)
     assert measure_edges(mesh).min() < 1e-2 * mesh.h
     for _ in range(4):
         mesh = mesh.refine()
         PolygonMesh(mesh.points, mesh.cells)
-        assert measure_slenderness(mesh) < 10  # measured: 3.8 at the start, 8.2 after four passes
+        assert measure_slenderness(mesh) < 10
 
 
 @pytest.mark.parametrize("make", [vx.meshes.squares, vx.meshes.triangles, vx.meshes.cubes, tetrahedra])
@@ -133,16 +133,15 @@ def test_refinement_keeps_nodes_names_and_data(family):
     mesh, cells = make_start(family)
     mesh = mesh.with_boundary("half", lambda x: x[:, 0] < 0.5)
     mesh = mesh.with_cell_data("number", np.arange(mesh.n_cells)).with_cell_data("pair", np.ones((mesh.n_cells, 2)))
-    found = refinement(mesh, cells)
-    np.testing.assert_array_equal(found.mesh.points[: mesh.n_nodes], mesh.points)
-    assert set(found.mesh.boundaries) == set(mesh.boundaries)
+    fine = mesh.refine(cells)
+    np.testing.assert_array_equal(fine.points[: mesh.n_nodes], mesh.points)
+    assert set(fine.boundaries) == set(mesh.boundaries)
     for name in mesh.boundaries:
-        assert measure_part(found.mesh, name) == pytest.approx(measure_part(mesh, name), rel=1e-13)
-    np.testing.assert_array_equal(found.mesh.cell_data["number"], found.parents)
-    assert (np.diff(found.parents) >= 0).all()
-    assert found.mesh.cell_data["pair"].shape == (found.mesh.n_cells, 2)
-    half = found.mesh.boundaries["half"]
-    again = type(mesh)(found.mesh.points, found.mesh.cells, boundaries={"half": half})
+        assert measure_part(fine, name) == pytest.approx(measure_part(mesh, name), rel=1e-13)
+    assert (np.diff(fine.cell_data["number"]) >= 0).all()
+    assert fine.cell_data["pair"].shape == (fine.n_cells, 2)
+    half = fine.boundaries["half"]
+    again = type(mesh)(fine.points, fine.cells, boundaries={"half": half})
     np.testing.assert_array_equal(again.boundaries["half"], half)
 
 
@@ -152,10 +151,7 @@ def test_cells_to_refine_are_given_by_number_or_by_flag():
         np.testing.assert_array_equal(mesh.refine([7, 2, 2]).points, mesh.refine(flags).points)
         assert mesh.refine().n_cells >= mesh.refine(np.ones(mesh.n_cells, dtype=bool)).n_cells
         for nothing in ([], np.zeros(mesh.n_cells, dtype=bool), np.empty(0, dtype=np.int64)):
-            found = refinement(mesh, nothing)
-            for name in mesh.ARRAYS:
-                np.testing.assert_array_equal(getattr(found.mesh, name), getattr(mesh, name))
-            np.testing.assert_array_equal(found.parents, np.arange(mesh.n_cells))
+            assert mesh.refine(nothing) is mesh
 
 
 @pytest.mark.long
@@ -188,5 +184,5 @@ def test_many_more_cells_take_hardly_more_calls(name, sizes, fraction):
     for n in sizes:
         mesh = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name](n)
         marked = None if fraction == 1.0 else np.random.default_rng(0).random(mesh.n_cells) < fraction
-        count.append(calls(lambda mesh=mesh, marked=marked: refinement(mesh, marked)))
+        count.append(calls(lambda mesh=mesh, marked=marked: mesh.refine(marked)))
     assert count[1] < 1.2 * count[0]

@@ -6,11 +6,11 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import mostly_long, small
+from scenes import mostly_long
 from scipy.optimize import linprog
 
 import vemcvx as vx
-from vemcvx.meshes.quality import LEAST_EDGE, LEAST_STAR, quality_of
+from vemcvx.meshes.quality import LEAST_EDGE, LEAST_STAR
 
 EVERY = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 
@@ -36,7 +36,9 @@ def test_boxes_have_the_quality_of_closed_forms(a):
     for make, box in ((vx.meshes.squares, [(0, a), (0, 1)]), (vx.meshes.cubes, [(0, a), (0, 1), (0, 2 * a)])):
         mesh = make((1,) * len(box), box)
         diagonal = np.linalg.norm(np.diff(box, axis=1))
-        found = quality_of(mesh, warned=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = mesh.quality()
         assert found.star[0] == pytest.approx(0.5 / diagonal, rel=1e-7, abs=1e-9)
         assert found.edge[0] == pytest.approx(1 / diagonal, rel=1e-12)
 
@@ -61,11 +63,10 @@ def solve_for_star(mesh, cell):
 @mostly_long("family", EVERY, "nonconvex", "hanging", "triangles", "tetrahedra", "prisms")
 def test_families_have_the_quality_of_a_linear_program_and_no_poor_cell(family):
     mesh = EVERY[family](6 if family in vx.meshes.FAMILIES else 2)
-    found = quality_of(mesh, warned=False)
+    found = mesh.quality()
     for cell in range(0, mesh.n_cells, max(1, mesh.n_cells // 8)):
         assert found.star[cell] == pytest.approx(solve_for_star(mesh, cell), rel=1e-6)
     assert not found.poor.any()
-    assert found.remarks == ()
 
 
 CROWN = [[0, 0], [1, 0], [1, 1], [0.9, 1], [0.9, 0.1], [0.1, 0.1], [0.1, 1], [0, 1]]
@@ -83,21 +84,15 @@ def test_cells_of_poor_quality_are_reported_with_a_warning():
         found = vx.PolygonMesh([[0, 0], [1, 0], [1, 1 - cut], [1 - cut, 1], [0, 1]], [range(5)]).quality()
     assert found.edge[0] == pytest.approx(1e-5 / np.sqrt(2), rel=1e-4)
     assert found.poor.tolist() == [True]
-    assert "constants grow in 1 of 1 cells" in found.in_a_line()
-    assert "the method grow" in repr(found)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = small("voronoi", 4).quality()
-    assert found.in_a_line().startswith(f"star {found.star.min():.2g} to {found.star.max():.2g}, edge ")
-    assert "constants" not in found.in_a_line()
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore::vemcvx.MeshWarning")
 @pytest.mark.parametrize("aspect", [1.0, 10.0])
 def test_cells_below_the_threshold_have_large_stability_constants(aspect):
     """Compare with the spectrum of the stabilisation relative to the energy, for a regular and a stretched hexagon."""
     import stabilisation_spectrum as spectrum
 
     least, greatest, _ = spectrum.spectrum(spectrum.hexagon(aspect))
-    assert (greatest / least > 70) == (quality_of(make_polygon(6, aspect), warned=False).star[0] < LEAST_STAR)
+    assert (greatest / least > 70) == (make_polygon(6, aspect).quality().star[0] < LEAST_STAR)
     assert LEAST_EDGE < 1e-3

@@ -26,10 +26,10 @@ OPEN = (
 EXCEPTIONS = {
     "effects": "data",
     "effects.effect": "amount where",
+    "meshes": "plane_mesh",
     "meshes.bisection": "check_tetrahedra",
     "meshes.interfaces": "faces_of",
     "meshes.polyhedra": "list_faces",
-    "meshes.quality": "LEAST_STAR quality_of",
     "program.condensation": "Condensation",
     "program.kernel": "balance_multipliers",
     "program.operators": "SYMMETRY_TOLERANCE energy_norm",

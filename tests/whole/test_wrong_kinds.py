@@ -170,7 +170,7 @@ FAMILIES = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 CALLABLES = (
     *(thing for name in vx.__all__ if callable(thing := getattr(vx, name)) and not inspect.isabstract(thing)),
     *FAMILIES.values(),
-    *(vx.meshes.l_shape, vx.meshes.ring, vx.meshes.bodies, vx.meshes.refinement),
+    *(vx.meshes.l_shape, vx.meshes.ring, vx.meshes.bodies),
     *(getattr(vx.measures, name) for name in ("orders", "convergence_table", "energy_distance", "l2_error")),
     *METHODS,
 )

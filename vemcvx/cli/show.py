@@ -19,7 +19,6 @@ from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
 from vemcvx.meshes import Mesh as AnyMesh
-from vemcvx.meshes.quality import quality_of
 from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene, pose_scene
@@ -72,7 +71,6 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
         "left out": "\n".join(posed.inactive),
         "not simulated": ", ".join(_absent(scene)),
         "mesh": f"{name}: {mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}",
-        "shapes": quality_of(mesh, warned=False).in_a_line(),
         "unknowns": f"{n} in all, {m} after condensation",
         "program": _program(operators, posed.system.damping is not None),
         "terms": _terms(operators),

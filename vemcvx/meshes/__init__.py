@@ -1,16 +1,15 @@
 """Meshes of polygons in the plane and of polyhedra in space: families, bodies, refinement, files, other libraries."""
 
-from vemcvx.meshes.carrying import Refinement
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles
 from vemcvx.meshes.families.space import cubes, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import kelvin, voronoi, voronoi3
 from vemcvx.meshes.halves import cut
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.mesh import Mesh
-from vemcvx.meshes.polygon_mesh import PolygonMesh, plane_mesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.polygon_mesh import plane_mesh as plane_mesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.reading import convert, read
-from vemcvx.meshes.refining import refinement
 from vemcvx.meshes.several_bodies import bodies
 
 FAMILIES = {
@@ -31,7 +30,6 @@ __all__ = [
     "Mesh",
     "PolygonMesh",
     "PolyhedralMesh",
-    "Refinement",
     "bodies",
     "convert",
     "cubes",
@@ -42,10 +40,8 @@ __all__ = [
     "kelvin",
     "l_shape",
     "nonconvex",
-    "plane_mesh",
     "prisms",
     "read",
-    "refinement",
     "ring",
     "squares",
     "tetrahedra",

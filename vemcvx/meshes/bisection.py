@@ -19,7 +19,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.carrying import Refinement, check_lengths, inherit_parts, middle_places
+from vemcvx.meshes.carrying import check_lengths, inherit_parts, middle_places
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygons import (
@@ -100,7 +100,7 @@ class Tetrahedra(NamedTuple):
         return Tetrahedra(*map(np.concatenate, zip(rest, *halves, strict=True)))
 
 
-def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> Refinement[PolyhedralMesh]:
+def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMesh:
     """Bisect the marked cells (n_cells,) at least `cuts` times, and other cells until no edge has a node inside."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
@@ -132,7 +132,7 @@ def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
     return of_face[made._boundary]
 
 
-def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
+def split_about_vertices(mesh: PolyhedralMesh) -> PolyhedralMesh:
     """Split each cell into one part per vertex."""
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
     shared = sort_edges(mesh.face_offsets, mesh.face_vertices, mesh.n_nodes)
@@ -166,7 +166,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> Refinement[PolyhedralMesh]:
     parts = _parts(made, np.append(old[face], np.full(len(face), -1))[order])
     found = inherit_parts(mesh, made, parents, parts, places)
     try:
-        check_polyhedral_mesh(points, list_faces(faces), found.mesh.interfaces)
+        check_polyhedral_mesh(points, list_faces(faces), found.interfaces)
     except MeshError as error:
         raise MeshError(
             f"refine: parts of cells at their vertices would not have plane faces ({str(error).partition('. ')[0]}). "

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import (
     ROUNDING,
-    SINGLE_EPS,
     Bools,
     Floats,
     brief,
@@ -48,17 +47,11 @@ class Box:
         """Lengths of the sides along the axes."""
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
-    def ticks(self, *counts: int, grades: tuple[float, ...] = (1.0, 1.0, 1.0)) -> list[Floats]:
-        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two coordinates equal.
-
-        The widths along an axis form a geometric sequence; the last width is `grade` times the first.
-        """
+    def ticks(self, *counts: int) -> list[Floats]:
+        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two coordinates equal."""
         lines = []
-        for low, high, count, grade in zip(self.low, self.high, counts, grades, strict=False):
+        for low, high, count in zip(self.low, self.high, counts, strict=True):
             line = np.linspace(low, high, count + 1)
-            if grade != 1.0 and count > 1:
-                far = np.cumsum(np.append(0.0, grade ** (np.arange(count) / (count - 1))))
-                line = np.append(low + far[:-1] * ((high - low) / far[-1]), high)
             if not np.all(np.diff(line) > 0.0):
                 raise MeshError(
                     f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
@@ -97,26 +90,6 @@ def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> i
     if value > most:
         raise MeshError(f"{name} must be at most {most:g}; got {brief(value)}.")
     return int(value)
-
-
-def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
-    """Return a number in [0, high), with ``closed`` in [0, high]; or raise MeshError."""
-    if not (is_real(value) and (0.0 <= value < high or (closed and value == high))):
-        bracket = "]" if closed else ")"
-        raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
-    return float(value)
-
-
-def check_grades(grade: Any, dimension: int = 3) -> tuple[float, ...]:
-    """Return, for each axis, the width of the last cell divided by the width of the first; or raise MeshError."""
-    given = tuple(grade) if is_list(grade) else (grade,) * dimension
-    if len(given) != dimension or not all(is_real(value) and SINGLE_EPS <= value <= 1 / SINGLE_EPS for value in given):
-        names = ", ".join(f"along {axis}" for axis in AXES[:dimension])
-        raise MeshError(
-            f"grade must be a number from {SINGLE_EPS:g} to {1 / SINGLE_EPS:g}, or one for each axis ({names}): how "
-            f"many times wider the last cell is than the first; got {brief(grade)}."
-        )
-    return tuple(map(float, given))
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,31 +19,8 @@ from vemcvx.meshes.polygons import edge_keys, find_in, rounding, rows_in_order
 Kind = TypeVar("Kind", bound=Mesh)
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement(Generic[Kind]):
-    """A refined mesh with the parents of its cells.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh or PolyhedralMesh
-        The refined mesh. In the list of cells, parts stand in place of the split cell. Old nodes come first, then
-        midpoints of edges, centres of faces (in space), and centres of cells. Boundaries and cell data are inherited.
-    parents : (n_new_cells,) int
-        The old cell that contains each new cell.
-
-    Examples
-    --------
-    >>> fine = vx.meshes.refinement(vx.meshes.squares(2), cells=[0])
-    >>> fine.parents
-    array([0, 0, 0, 0, 1, 2, 3])
-    """
-
-    mesh: Kind
-    parents: Ints
-
-
-def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Refinement[Kind]:
-    """Return the refinement; the new mesh `made` inherits the boundaries, interfaces and cell data of `mesh`.
+def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
+    """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
 
     `parents` are the old cells of the new cells. For each new boundary edge or face, `parts` is the position of its
     parent in the old boundary. For each new node, `places` is the first node with the same coordinates.
@@ -67,8 +43,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
         )
         sides[name] = Interface(joint.bodies, pad_rows(*one), pad_rows(one[0], partners_of(one, other, places)))
     matched = MappingProxyType(on_boundary(sides, made._outlines))
-    made = made._replace(_named=named, interfaces=matched, cell_data=MappingProxyType(data))
-    return Refinement(made, read_only(parents))
+    return made._replace(_named=named, interfaces=matched, cell_data=MappingProxyType(data))
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:

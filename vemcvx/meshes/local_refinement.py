@@ -26,7 +26,7 @@ import numpy as np
 from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
 from vemcvx.base.outline import coordinates
-from vemcvx.meshes.carrying import Refinement, check_lengths, inherit_parts, middle_places
+from vemcvx.meshes.carrying import check_lengths, inherit_parts, middle_places
 from vemcvx.meshes.interfaces import pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
@@ -235,7 +235,7 @@ def _children(
     return *rows_in_order(offsets_of(counts), np.append(vertices, nodes[middles]), order), parents[order]
 
 
-def refine_polygons(mesh: PolygonMesh, marked: Bools) -> Refinement[PolygonMesh]:
+def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
     """Split the marked cells (n_cells,), and the cells that would get a second hanging node on a straight part."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)

@@ -334,16 +334,28 @@ class Mesh(ABC):
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None) -> Self:
-        """Return this mesh with cells split (numbers or a mask; by default all): :func:`vemcvx.meshes.refinement`.
+        """Return this mesh with some cells split: polygons and tetrahedra locally, other polyhedra all at once.
+
+        The parts of a cell stand in its place, and inherit its data. Old nodes come first, then new nodes.
+
+        Parameters
+        ----------
+        cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
+            Cells to split; each tetrahedron gets at least two parts. By default all cells are split, and each
+            tetrahedron gets at least eight parts. In the plane, further cells are split until no side gets a second
+            hanging node. In space, neighbours of split tetrahedra are split as well, and there are no hanging nodes.
 
         Raises
         ------
         MeshError
-            As :func:`vemcvx.meshes.refinement`.
+            `cells` are neither numbers of cells nor one bool per cell; the midpoint of an edge is lost in rounding; a
+            polygon to split is not star-shaped or has no two long sides; only some cells of a mesh in space are to be
+            split, and not all cells are tetrahedra; or a part of a polyhedron would have a face that is not plane.
         """
-        from vemcvx.meshes.refining import refinement
+        from vemcvx.meshes.refining import refine_mesh
 
-        return refinement(self, cells).mesh
+        refined: Self = refine_mesh(self, cells)
+        return refined
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.
@@ -369,37 +381,29 @@ class Mesh(ABC):
         return open_crack(self, name, sides)
 
     def quality(self) -> Quality:
-        """Measure the shapes of the cells: star-shapedness and shortest edges, (n_cells,) each (Assumption 3.3).
+        """Measure the shapes of the cells (Assumption 3.3): see :mod:`vemcvx.meshes.quality`.
 
         Warns
         -----
         MeshWarning
-            Stretched or dented cells, or in the plane very short edges, make the constants of the method grow: see
-            :mod:`vemcvx.meshes.quality`.
+            Stretched or dented cells, or in the plane very short edges, make the constants of the method grow.
         """
-        from vemcvx.meshes.quality import quality_of
+        from vemcvx.meshes.quality import measure_quality
 
-        return quality_of(self)
+        return measure_quality(self)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` restores them exactly from a .vtu file.
+        """Write the mesh, its named boundaries and cell data to a .vtu file, from which `read` restores them exactly.
 
         Parameters
         ----------
         path : str or Path
-            A .vtu file can hold any mesh. Files of Gmsh (.msh) can hold triangles and quads, in space tetrahedra,
-            hexahedra, wedges and pyramids, with names of boundaries, and cell data of zeros and ones that mark disjoint
-            sets of cells. ``to("meshio").write(path)`` writes other formats.
+            The file; its suffix must be .vtu. ``to("meshio").write(path)`` writes other formats.
 
         Raises
         ------
         MeshError
-            The format would lose cells, interfaces or names, or the file cannot be written.
-
-        Warns
-        -----
-        MeshWarning
-            The format does not keep some data.
+            The suffix is not .vtu, or the file cannot be written.
         """
         from vemcvx.meshes.io.files import write
 

@@ -283,30 +283,7 @@ def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
 
 
 def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
-    """Return the mesh if it is a `PolygonMesh`; else raise SceneError.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    subject : str
-        The feature that needs a plane mesh, for the error message.
-    instead : str
-        A remedy, for the error message.
-
-    Returns
-    -------
-    PolygonMesh
-
-    Raises
-    ------
-    SceneError
-        The mesh is in space.
-
-    Examples
-    --------
-    >>> vx.meshes.plane_mesh(vx.meshes.squares(2), "the picture").n_cells
-    4
-    """
+    """Return the mesh if it is a `PolygonMesh`; else raise SceneError about the feature `subject`, with a remedy."""
     if not isinstance(mesh, PolygonMesh):
         raise SceneError(
             f"{subject}: exists in the plane only, and this mesh consists of polyhedra{instead and f'; {instead}'}."

@@ -31,7 +31,7 @@ from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import CHUNK_SIZE, Bools, Floats, Ints
 from vemcvx.base.errors import MeshWarning
-from vemcvx.base.outline import Outline, Outlined
+from vemcvx.base.outline import ArrayRecord
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, right_of
@@ -42,7 +42,7 @@ LEAST_STAR, LEAST_EDGE = 0.05, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Quality(Outlined):
+class Quality(ArrayRecord):
     """The shapes of the cells of a mesh: the two ratios on which the constants of Assumption 3.3 depend.
 
     Attributes
@@ -52,61 +52,30 @@ class Quality(Outlined):
         diameter; 0 if there is no ball. At most 1/2: a square has .35, a regular hexagon .43, a cube .29.
     edge : (n_cells,)
         Length of the shortest edge divided by the cell diameter.
-    in_plane : bool
-        True for a plane mesh. The effect of short edges is measured in the plane only.
+    poor : (n_cells,) bool
+        Cells on which the constants grow: `star` is below .05 or, in the plane, `edge` is below 1e-4.
     """
 
     star: Floats
     edge: Floats
-    in_plane: bool = True
-
-    @property
-    def poor(self) -> Bools:
-        """Mask (n_cells,) of cells on which the constants grow: star below .05 or, in the plane, edge below 1e-4."""
-        poor: Bools = (self.star < LEAST_STAR) | ((self.edge < LEAST_EDGE) & self.in_plane)
-        return poor
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """A sentence about cells on which the constants grow; none if all cells are well shaped."""
-        if not self.poor.any():
-            return ()
-        star, edge = int(np.argmin(self.star)), int(np.argmin(self.edge))
-        return (
-            f"the constants of the method grow in {self.poor.sum()} of {len(self.star)} cells, which are stretched, "
-            f"dented or not star-shaped (star below {LEAST_STAR:g}; least {self.star[star]:.2g}, cell {star}), or have "
-            f"edges below {LEAST_EDGE:g} of their diameter (least {self.edge[edge]:.2g}, cell {edge}). Cut stretched "
-            "cells across, collapse short edges, or remesh.",
-        )
-
-    def in_a_line(self) -> str:
-        """Describe the ranges of the ratios and the number of poor cells in one line."""
-        count = int(self.poor.sum())
-        poor = f"; constants grow in {count} of {len(self.star)} cells" if count else ""
-        good = f"above {LEAST_STAR:g} and {LEAST_EDGE:g}" if self.in_plane else f"if star is above {LEAST_STAR:g}"
-        return ", ".join(f"{name} {x.min():.2g} to {x.max():.2g}" for name, x in self._named) + f" (good {good}){poor}"
-
-    @property
-    def _named(self) -> tuple[tuple[str, Floats], ...]:
-        return ("star", self.star), ("edge", self.edge)
-
-    def outline(self) -> Outline:
-        """Return the outline for prompts and notebooks."""
-        ranges = [(name, f"{x.min():.3g} to {x.max():.3g}, median {np.median(x):.3g}") for name, x in self._named]
-        return Outline(
-            f"Quality: shapes of {len(self.star)} cells", [*ranges, *(("", words) for words in self.remarks)]
-        )
+    poor: Bools
 
 
-def quality_of(mesh: Mesh, *, warned: bool = True) -> Quality:
-    """Measure the shapes of all cells; if `warned`, issue a MeshWarning about cells on which the constants grow."""
+def measure_quality(mesh: Mesh) -> Quality:
+    """Measure the shapes of all cells; issue a MeshWarning if some are poor."""
     offsets, normals, away, lengths = walls_of(mesh)
     star = np.maximum(largest_balls(offsets, normals, away)[1], 0.0)
     edge = np.minimum.reduceat(lengths, offsets[:-1]) / mesh.diameters
-    found = Quality(star, edge, in_plane=isinstance(mesh, PolygonMesh))
-    for words in found.remarks if warned else ():
-        warnings.warn(f"quality: {words}", MeshWarning, stacklevel=3)
-    return found
+    poor = (star < LEAST_STAR) | ((edge < LEAST_EDGE) & isinstance(mesh, PolygonMesh))
+    if poor.any():
+        words = (
+            f"quality: the constants of the method grow in {poor.sum()} of {len(poor)} cells, which are stretched, "
+            f"dented or not star-shaped (star below {LEAST_STAR:g}; least {star.min():.2g}, cell {np.argmin(star)}), "
+            f"or have edges below {LEAST_EDGE:g} of their diameter (least {edge.min():.2g}, cell {np.argmin(edge)}). "
+            "Cut stretched cells across, collapse short edges, or remesh."
+        )
+        warnings.warn(words, MeshWarning, stacklevel=3)
+    return Quality(star, edge, poor)
 
 
 class Walls(NamedTuple):

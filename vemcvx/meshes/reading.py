@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -11,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from vemcvx.base.arrays import Ints, brief
-from vemcvx.base.errors import MeshError, MeshWarning
+from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.io.files import load, load_bodies
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.several_bodies import describe_gaps, join
+from vemcvx.meshes.several_bodies import join
 
 
 # `| Any`, so that scripts need no cast: the type of the mesh depends on the file.
@@ -63,8 +62,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed; sides were named; parts of the file were not read; a body touches no other; or something
-        was dropped: unused nodes, nodes other than the corners of cells, or named lines or faces inside the mesh.
+        Cells were reversed; sides were named; parts of the file were not read; or something was dropped: unused nodes,
+        nodes other than the corners of cells, or named lines or faces inside the mesh.
 
     Examples
     --------
@@ -81,8 +80,6 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         )
     meshes, sides = load_bodies(path)
     mesh, origin = join(meshes, None, tolerance)
-    for gap in describe_gaps(meshes, mesh):
-        warnings.warn(f"{path}: {gap}", MeshWarning, stacklevel=2)
     parts, kept = _on_interfaces(mesh, meshes, origin, sides), {}
     for name, interface in mesh.interfaces.items():
         whole = set(faces_of(interface.edges, mesh._outlines).tolist())

@@ -31,7 +31,6 @@ from vemcvx.meshes.polygons import (
     close_pairs,
     find_all_in,
     least_of_each,
-    nearest,
     offsets_of,
     outlines,
     rounding,
@@ -136,20 +135,6 @@ def join(
         start += len(given._boundary)
     data = check_cell_data(_data(meshes, np.repeat(np.arange(len(each)), [m.n_cells for m in each])), mesh.n_cells)
     return mesh._replace(_named=named, cell_data=MappingProxyType(data)), origin
-
-
-def describe_gaps(meshes: Mapping[str, AnyKind], mesh: AnyKind) -> list[str]:
-    """Return a sentence for each body without an interface: the nearest other body, the distance, and the place."""
-    joined, said = {body for interface in mesh.interfaces.values() for body in interface.bodies}, {}
-    for body in (name for name in meshes if name not in joined):
-        gaps = {other: nearest(meshes[other].points, meshes[body].points)[0] for other in meshes if other != body}
-        other, distance = min(gaps.items(), key=lambda gap: gap[1].min())
-        said[frozenset((body, other))] = (
-            f"{body!r} touches no other body: the nearest nodes, of {other!r}, are {distance.min():.3g} away near "
-            f"{coordinates(meshes[body].points[np.argmin(distance)], 6)}; sides may be closer. If the bodies should "
-            "touch, move one of them, or give vx.meshes.read a tolerance=."
-        )
-    return list(said.values())
 
 
 def _side_by_side(meshes: list[Any]) -> Any:

@@ -18,7 +18,6 @@ from vemcvx.meshes.box import (
     Count,
     cell_counts,
     check_box,
-    check_fraction,
     check_total,
     check_whole,
     is_list,
@@ -30,7 +29,7 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with equal squares; other families have the same parameters and names of sides.
+    """Return a mesh of a box with equal squares. Other families have the same parameters, errors and names of sides.
 
     Parameters
     ----------
@@ -100,11 +99,6 @@ def triangles(
     PolygonMesh
         Nodes are in the order of `squares`; the lower triangle of each square comes before the upper.
 
-    Raises
-    ------
-    MeshError
-        As `squares`.
-
     Examples
     --------
     >>> vx.meshes.triangles(4).n_cells
@@ -136,11 +130,6 @@ def hexagons(
     PolygonMesh
         Nodes and cells row by row.
 
-    Raises
-    ------
-    MeshError
-        As `squares`.
-
     Examples
     --------
     >>> vx.meshes.hexagons(4).n_cells
@@ -170,39 +159,30 @@ def hexagons(
 
 
 def distorted(
-    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with distorted squares.
+    """Return a mesh of a box with distorted squares: inner nodes move along each axis by up to a quarter of a cell.
 
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-    amount : float
-        In [0, 1): inner nodes move along each axis by up to this fraction of half a cell. Every cell is valid, because
-        the boxes in which its nodes move are disjoint.
 
     Returns
     -------
     PolygonMesh
         Nodes and cells in the order of `squares`.
 
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``amount`` is not in [0, 1).
-
     Examples
     --------
-    >>> vx.meshes.distorted(4, amount=0.3).n_cells
+    >>> vx.meshes.distorted(4).n_cells
     16
     """
     rectangle = check_box(box)
-    amount = check_fraction("amount", amount, 1.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
-    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
+    inner += random.uniform(-0.25, 0.25, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
@@ -212,38 +192,30 @@ QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
 
 
 def hanging(
-    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, fraction: float = 0.3
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
     """Return a mesh of a box with squares of two sizes and hanging nodes between them.
 
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n counts large cells. The seed chooses the cells to split.
-    fraction : float
-        In [0, 1]: the fraction of large cells that are split in four.
+        n counts large cells. The seed chooses three tenths of them, which are split in four.
 
     Returns
     -------
     PolygonMesh
         Nodes row by row; large cells row by row, with four quarters in the position of a split cell.
 
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``fraction`` is not in [0, 1].
-
     Examples
     --------
-    >>> vx.meshes.hanging(4, fraction=0.5).n_cells
-    40
+    >>> vx.meshes.hanging(4).n_cells
+    31
     """
     rectangle = check_box(box)
-    fraction = check_fraction("fraction", fraction, 1.0, closed=True)
     nx, ny = cell_counts(n, rectangle, size, each=4)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     cut = np.zeros(nx * ny, dtype=bool)
-    cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True
+    cut[random.permutation(nx * ny)[: round(0.3 * nx * ny)]] = True
     points, _ = square_grid(2 * nx, 2 * ny, rectangle)
     line = 2 * nx + 1
     first = (2 * np.arange(ny)[:, None] * line + 2 * np.arange(nx)).ravel()
@@ -257,27 +229,23 @@ def hanging(
     return mesh_from_rows(points, present, rows[rows[:, :, 0] >= 0], rectangle)
 
 
+ZIGZAG = 0.15
+"""Distance of nodes of `nonconvex` from the edges of squares, divided by the width of a square; below 1/3."""
+
+
 def nonconvex(
-    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
     """Return a mesh of a box with interlocking nonconvex cells of up to twelve vertices.
 
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-    zigzag : float
-        In [0, 1/3), so that edges do not intersect. Each inner edge becomes a zigzag line through two nodes, at 1/3
-        and 2/3 of its length; `zigzag` is their distance from the edge, divided by the width of a cell.
 
     Returns
     -------
     PolygonMesh
         Cells row by row; first the nodes of `squares`, then the nodes of the zigzags.
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``zigzag`` is not in [0, 1/3).
 
     Examples
     --------
@@ -285,13 +253,12 @@ def nonconvex(
     12
     """
     rectangle = check_box(box)
-    zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
     # two nodes per edge, horizontal edges first: left of the edge at 1/3 of its length, right of it at 2/3
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
-    level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
-    upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
+    level = grid[:, :-1, None] + np.array([[1 / 3, ZIGZAG], [2 / 3, -ZIGZAG]]) * pitch
+    upright = grid[:-1, :, None] + np.array([[-ZIGZAG, 1 / 3], [ZIGZAG, 2 / 3]]) * pitch
     number = len(points) + np.arange((level.size + upright.size) // 2)
     levels, uprights = number[: level.size // 2].reshape(level.shape[:3]), number[level.size // 2 :]
     uprights = uprights.reshape(upright.shape[:3])

@@ -5,23 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.base.arrays import Floats, Ints
-from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box, check_grades
+from vemcvx.meshes.box import UNIT_CUBE, Box, SpaceCorners, SpaceCount, cell_counts, check_box
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.polyhedra import FACES, join_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-Grade = float | tuple[float, float, float]
-
 
 def cubes(
-    n: SpaceCount | None = None,
-    box: SpaceCorners = UNIT_CUBE,
-    seed: int = 0,
-    *,
-    size: float | None = None,
-    grade: Grade = 1.0,
+    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with cubes; other families in space have the same parameters and names of sides.
+    """Return a mesh of a box with cubes. Other families in space have the same parameters, errors and names of sides.
 
     Parameters
     ----------
@@ -34,9 +27,6 @@ def cubes(
         Seed of random numbers: the same seed gives the same mesh. This mesh does not depend on it.
     size : float
         Width of a cell, instead of n; it is rounded so that whole cells fill the box.
-    grade : number or (number, number, number)
-        Width of the last cell divided by the width of the first: a number for all axes, or one per axis. Widths form a
-        geometric sequence. Only `cubes` and `tetrahedra` have this parameter.
 
     Returns
     -------
@@ -47,23 +37,23 @@ def cubes(
     Raises
     ------
     MeshError
-        n, size or a grade is not positive, or both or neither of n and size are given; box is not a box; seed is not a
-        whole number, in a family that uses seeds; or there would be too many cells.
+        n or size is not positive, or both or neither are given; box is not a box; seed is not a whole number, in a
+        family that uses seeds; or there would be too many cells.
 
     Examples
     --------
-    >>> vx.meshes.cubes((2, 2, 4), box=((0, 1), (0, 1), (0, 2)), grade=(1, 1, 3))
-    PolyhedralMesh(16 cells, 45 nodes, h = 1.066, boundaries: left, right, front, back, bottom, top, boundary)
+    >>> vx.meshes.cubes((2, 2, 4), box=((0, 1), (0, 1), (0, 2)))
+    PolyhedralMesh(16 cells, 45 nodes, h = 0.866, boundaries: left, right, front, back, bottom, top, boundary)
     """
     whole = check_box(box, 3)
-    points, corners = cube_grid(cell_counts(n, whole, size), whole, check_grades(grade))
+    points, corners = cube_grid(cell_counts(n, whole, size), whole)
     return mesh_of_equal_cells(points, corners[:, np.array(FACES["hexahedron"])], whole)
 
 
-def cube_grid(counts: tuple[int, ...], box: Box, grades: tuple[float, ...]) -> tuple[Floats, Ints]:
+def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
     """Return nodes layer by layer, and the corners (n_cells, 8) of cells: around the bottom, then around the top."""
     nx, ny, nz = counts
-    x, y, z = box.ticks(*counts, grades=grades)
+    x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
     points = np.column_stack([column.ravel(), row.ravel(), level.ravel()])
     number = np.arange(len(points)).reshape(nz + 1, ny + 1, nx + 1)
@@ -87,28 +77,18 @@ CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 
 
 
 def tetrahedra(
-    n: SpaceCount | None = None,
-    box: SpaceCorners = UNIT_CUBE,
-    seed: int = 0,
-    *,
-    size: float | None = None,
-    grade: Grade = 1.0,
+    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
     """Return a mesh of a box with tetrahedra, six per cell of `cubes`.
 
     Parameters
     ----------
-    n, box, seed, size, grade : as in `cubes`
+    n, box, seed, size : as in `cubes`
 
     Returns
     -------
     PolyhedralMesh
         Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
-
-    Raises
-    ------
-    MeshError
-        As `cubes`.
 
     Examples
     --------
@@ -116,7 +96,7 @@ def tetrahedra(
     48
     """
     whole = check_box(box, 3)
-    points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole, check_grades(grade))
+    points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole)
     cells = corners[:, CUBE_TETRAHEDRA].reshape(-1, 4)
     return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)
 
@@ -136,11 +116,6 @@ def prisms(
     Returns
     -------
     PolyhedralMesh
-
-    Raises
-    ------
-    MeshError
-        As `cubes`.
 
     Examples
     --------

@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, SINGLE_EPS, Floats, Ints
+from vemcvx.base.arrays import SAME, SINGLE_EPS, Floats, Ints, is_real
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
     MOST_CELLS,
@@ -31,7 +31,6 @@ from vemcvx.meshes.box import (
     SpaceCount,
     cell_counts,
     check_box,
-    check_fraction,
     check_whole,
     move_into_box,
 )
@@ -59,7 +58,6 @@ def voronoi(
     *,
     size: float | None = None,
     cells: int | None = None,
-    relaxations: int = 50,
     shortest: float = 0.02,
 ) -> PolygonMesh:
     """Return a mesh of a box with irregular polygons: a centroidal Voronoi mesh.
@@ -70,8 +68,6 @@ def voronoi(
         The number of cells is the same as in `squares`.
     cells : int, optional
         Number of cells, instead of n or size.
-    relaxations : int
-        Lloyd iterations; 0 keeps the Voronoi cells of the random seeds.
     shortest : float
         From 0 to 0.1: edges shorter than this fraction of the square root of the mean cell area are collapsed.
 
@@ -83,7 +79,7 @@ def voronoi(
     Raises
     ------
     MeshError
-        As `squares`, or ``cells``, ``relaxations`` or ``shortest`` is not in its range.
+        As `squares`, or ``cells`` or ``shortest`` is not in its range.
 
     Examples
     --------
@@ -93,9 +89,10 @@ def voronoi(
     rectangle = check_box(box)
     counts = cell_counts(n, rectangle, size) if cells is None else (check_whole("cells", cells, most=MOST_CELLS),)
     count = math.prod(counts)
-    shortest = check_fraction("shortest", shortest, 0.1, closed=True)
+    if not is_real(shortest) or not 0.0 <= shortest <= 0.1:
+        raise MeshError(f"shortest must be a number in [0, 0.1]; got {shortest!r}.")
     sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))
-    points, (offsets, vertices) = _relax(seed, count, sides, relaxations, _polygons)
+    points, (offsets, vertices) = _relax(seed, count, sides, 50, _polygons)
     for side in (np.zeros(2), sides):
         points = np.where(np.abs(points - side) < SAME, side, points)
     place = smallest_linked(close_pairs(points, SAME), len(points))
@@ -108,13 +105,7 @@ def voronoi(
 
 
 def voronoi3(
-    n: SpaceCount | None = None,
-    box: SpaceCorners = UNIT_CUBE,
-    seed: int = 0,
-    *,
-    size: float | None = None,
-    cells: int | None = None,
-    relaxations: int = 5,
+    n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
     """Return a mesh of a box with irregular convex polyhedra of about 14 faces.
 
@@ -122,10 +113,6 @@ def voronoi3(
     ----------
     n, box, seed, size : as in `cubes`
         The number of cells is the same as in `cubes`.
-    cells : int, optional
-        Number of cells, instead of n or size.
-    relaxations : int
-        Lloyd iterations, each of which builds all cells anew; 0 keeps the Voronoi cells of the random seeds.
 
     Returns
     -------
@@ -133,22 +120,16 @@ def voronoi3(
         Cells and nodes are sorted into layers and rows one cell high. Faces are plane up to rounding; edges may be
         arbitrarily short.
 
-    Raises
-    ------
-    MeshError
-        As `cubes`, or ``cells`` or ``relaxations`` is not in its range.
-
     Examples
     --------
-    >>> vx.meshes.voronoi3(cells=20, seed=1).n_cells
+    >>> vx.meshes.voronoi3((4, 5, 1), seed=1).n_cells
     20
     """
     whole = check_box(box, 3)
-    counts = cell_counts(n, whole, size) if cells is None else (check_whole("cells", cells, most=MOST_CELLS),)
-    count = math.prod(counts)
+    count = math.prod(cell_counts(n, whole, size))
     lengths = np.array(whole.lengths)
     sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
-    return _solid(*_relax(seed, count, sides, relaxations, _polyhedra), sides, whole)
+    return _solid(*_relax(seed, count, sides, 5, _polyhedra), sides, whole)
 
 
 def kelvin(
@@ -167,11 +148,6 @@ def kelvin(
     -------
     PolyhedralMesh
         Cells and nodes are sorted into layers and rows.
-
-    Raises
-    ------
-    MeshError
-        As `cubes`.
 
     Examples
     --------
@@ -205,7 +181,7 @@ def _relax(
 ) -> tuple[Floats, Cells]:
     """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
-    for _ in range(check_whole("relaxations", relaxations, 0, 10_000) + 1):
+    for _ in range(relaxations + 1):
         # Few seeds with few images might lie on one line, without a triangulation: mirror up to 50 seeds in all sides.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:

@@ -76,18 +76,18 @@ def take_groups(
     grid.bodies = tuple(name for name, chosen in grid.sets.items() if (chosen & grid.bounding[0]).any())
 
 
-def to_meshio(grid: Grid, *, in_order: bool = False) -> meshio.Mesh:
+def to_meshio(grid: Grid) -> meshio.Mesh:
     """Return the meshio mesh of a grid, with one block for each kind and number of nodes.
 
-    With `in_order`, cells keep their order, and a new block begins where the kind changes. The cell datum
-    "boundary:<name>" marks the cells of a named set. If blocks permute the cells, the datum `CELL` has their numbers.
+    The cell datum "boundary:<name>" marks the cells of a named set. If blocks permute the cells, the datum `CELL` has
+    their numbers.
     """
     import meshio
 
     counts = np.diff(grid.offsets)
     _, first, kind = np.unique(np.char.add(grid.kinds, counts.astype(str)), return_index=True, return_inverse=True)
     kind = np.argsort(np.argsort(first))[kind]  # in order of appearance
-    order = np.arange(len(kind)) if in_order else np.argsort(kind, kind="stable")
+    order = np.argsort(kind, kind="stable")
     members = np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
     data: dict[str, NDArray[Any]] = grid.data | {MARK + name: x.astype(np.uint8) for name, x in grid.sets.items()}
     if (order != np.arange(len(order))).any():

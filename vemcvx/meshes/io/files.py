@@ -1,8 +1,4 @@
-"""Mesh files of four formats.
-
-VTU files can hold any mesh. Gmsh's MSH files can hold triangles, quadrilaterals, tetrahedra, hexahedra, wedges and
-pyramids, with physical groups. Files of Abaqus and Nastran can be read, but not written.
-"""
+"""Mesh files of four formats. VTU files can hold any mesh; files of Gmsh, Abaqus and Nastran are only read."""
 
 from __future__ import annotations
 
@@ -12,15 +8,12 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from vemcvx.base.errors import MeshError, MeshWarning
 from vemcvx.meshes.io.abaqus import read_abaqus
-from vemcvx.meshes.io.gmsh import read_gmsh, write_gmsh
+from vemcvx.meshes.io.gmsh import read_gmsh
 from vemcvx.meshes.io.grid import AnyTessellation, Grid, bodies_of, finish_mesh, grid_of, translate_errors
 from vemcvx.meshes.io.nastran import read_nastran
 from vemcvx.meshes.io.vtu import read_vtu, write_vtu
-from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path.read_bytes()), ".msh": read_gmsh}
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
@@ -74,34 +67,14 @@ def _read(path: str | Path) -> Grid:
 
 def write(path: str | Path, mesh: AnyTessellation) -> None:
     """Write a mesh with its named boundaries and cell data: see :meth:`vemcvx.PolygonMesh.write`."""
-    lost: list[str] = []
-    with translate_errors(str(path), "cannot be written; .vtu holds every mesh"):
+    with translate_errors(str(path), "cannot be written"):
         path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix not in (".vtu", ".msh"):
+        if path.suffix.lower() != ".vtu":
             raise MeshError(
-                "meshes are written as .vtu or .msh files; mesh.to('meshio').write(path) writes other formats, some of "
-                "them without names and data."
+                "meshes are written as .vtu files; mesh.to('meshio').write(path) writes other formats, some of them "
+                "without names and data."
             )
-        if suffix == ".msh":
-            _check_holds(mesh)
-        grid = grid_of(mesh, polyhedra=suffix == ".vtu")
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             draft = Path(folder) / path.name
-            if suffix == ".vtu":
-                write_vtu(draft, grid)
-            else:
-                lost = write_gmsh(draft, grid)
+            write_vtu(draft, grid_of(mesh, polyhedra=True))
             os.replace(draft, path)
-    if lost:
-        words = ", ".join(map(repr, sorted(lost)))
-        warnings.warn(f"{path}: .msh files do not keep {words}; .vtu files do.", MeshWarning, stacklevel=3)
-
-
-def _check_holds(mesh: AnyTessellation) -> None:
-    wrong = any(set(name) & set('"\\\r\n') for name in (*mesh.boundaries, *mesh.cell_data))
-    if wrong or mesh.interfaces or (isinstance(mesh, PolygonMesh) and np.diff(mesh.offsets).max() > 4):
-        raise MeshError(
-            ".msh files do not keep polygons of more than four vertices, interfaces of bodies, or names with quotes, "
-            "backslashes or line breaks. Write .vtu."
-        )

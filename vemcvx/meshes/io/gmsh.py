@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.io.blocks import GEOMETRICAL, Group, cells_of, take_groups, to_meshio
+from vemcvx.meshes.io.blocks import GEOMETRICAL, Group, cells_of, take_groups
 from vemcvx.meshes.io.grid import PHYSICAL, Grid
 from vemcvx.meshes.polygons import same_rows
 
@@ -93,24 +93,3 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
             if dim:
                 take("i4", take(size, 1)[0])  # the bounding entities
     return groups
-
-
-def write_gmsh(path: Path, grid: Grid) -> list[str]:
-    """Write cells in version 2.2, with named sets of cells as physical groups; return the names of lost data."""
-    inner = grid.bounding[0]
-    numbers, names, lost = np.zeros(len(inner), dtype=np.int64), dict[str, list[int]](), []
-    dimension = 3 if grid.solid else 2
-    sets = {name: x == 1 for name, x in grid.data.items() if x.ndim == 1 and np.isin(x, (0, 1)).all()}
-    for name in [name for name in grid.data if name != PHYSICAL]:
-        chosen = sets.get(name, ~inner) & inner
-        if not chosen.any() or numbers[chosen].any() or name in grid.sets:
-            lost.append(name)
-            continue
-        numbers[chosen], names[name] = len(names) + 1, [len(names) + 1, dimension]
-    for name, chosen in grid.sets.items():
-        numbers[chosen], names[name] = len(names) + 1, [len(names) + 1, dimension - 1]
-    grid.data, grid.sets = {PHYSICAL: numbers, GEOMETRICAL: numbers}, {}
-    made = to_meshio(grid, in_order=True)
-    made.field_data = {name: np.array(value) for name, value in names.items()}
-    made.write(path, file_format="gmsh22")  # version 4 would need a geometry
-    return lost

@@ -1,4 +1,4 @@
-"""Rings, discs, tubes and cylinders; boxes whose cells grow along the axes."""
+"""Rings, discs, tubes and cylinders."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scenes import mostly_long
 
 import vemcvx as vx
-from vemcvx.meshes import cubes, ring, tetrahedra
+from vemcvx.meshes import ring
 
 TURN = 2 * np.pi
 
@@ -39,13 +39,12 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
 
 
 @mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
-def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds, tmp_path):
-    """Check the numbers of faces of hexahedra and wedges, a file of Gmsh, and constant stress under shear."""
+def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds):
+    """Check the numbers of faces of hexahedra and wedges, a mesh of meshio, and constant stress under shear."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
     assert set(np.diff(solid.cell_offsets)) == kinds
     assert {"outer", "bottom", "top"} <= set(solid.boundaries)
-    solid.write(tmp_path / "round.msh")
-    again = vx.meshes.read(tmp_path / "round.msh")
+    again = vx.meshes.convert(solid.to("meshio"))
     assert np.array_equal(again.points, solid.points)
     assert again.n_cells == solid.n_cells
     shear = vx.simulate(
@@ -61,34 +60,13 @@ def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds, tmp_path):
     assert shear.stress(-1) == pytest.approx(np.tile(shear.stress(-1)[0], (solid.n_cells, 1)), abs=1e-12)
 
 
-def test_invalid_rings_and_grades_are_refused():
+def test_invalid_rings_are_refused():
     for make, subject in (
         (lambda: ring([1.0], 4), r"^ring: radii must be .* got \[1\.0\]"),
         (lambda: ring([-1.0, 1.0], 4), "^ring: radii must be"),
         (lambda: ring([0, 1e61], 9), r"^ring: radii must be .* from 0 to 1e\+60; got"),
         (lambda: ring([0, 1], 9, angles=(0.0, 7.0)), "^ring: angles must be"),
         (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be at least 2"),
-        (lambda: tetrahedra(2, grade=(1.0, 2.0)), "^grade must be .*along x, along y, along z"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             make()
-
-
-@pytest.mark.parametrize("family", [cubes, tetrahedra])
-def test_widths_grow_by_a_constant_factor(family):
-    box, counts, grades = ((-1.0, 1.0), (0.0, 3.0), (2.0, 2.5)), (5, 4, 1), (16.0, 0.125, 3.0)
-    mesh, equal = family(counts, box, grade=grades), family(counts, box)
-    for axis, (count, grade) in enumerate(zip(counts, grades, strict=True)):
-        ticks = np.unique(mesh.points[:, axis])
-        widths = np.diff(ticks)
-        assert (ticks[0], ticks[-1]) == box[axis]
-        assert widths[1:] / widths[:-1] == pytest.approx(grade ** (1 / max(count - 1, 1)), rel=1e-12)
-        if count > 1:
-            assert widths[-1] / widths[0] == pytest.approx(grade, rel=1e-12)
-    assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-13)
-    assert np.array_equal(family(3, grade=4.0).points, family(3, grade=(4.0, 4.0, 4.0)).points)
-    assert np.array_equal(family(3, grade=1.0).points, family(3).points)
-    assert {name: part.tolist() for name, part in mesh.boundaries.items()} == {
-        name: part.tolist() for name, part in equal.boundaries.items()
-    }
-    vx.PolyhedralMesh(mesh.points, mesh.cells)

@@ -112,22 +112,8 @@ def test_random_programs_are_solved(kind, count):
     assert [seed for seed in range(count) if not is_solved(draw_program(seed, kind), accuracy)] == []
 
 
-@mostly_long("polygon", [4, 16, 64], 1)
-def test_osqp_replaces_discs_by_polygons_and_certifies_the_difference(polygon):
-    """For polygons of P sides, the gap of the true program is at most (1 - cos(pi / P)) times the dissipation."""
-    system, between = make_system("bilateral, to and fro"), [0.0, 0.2]
-    exact = vx.march(system, between)
-    found = vx.march(system, between, solver=vx.OSQP(polygon=polygon), check=False)
-    apart = found.state[1] - exact.state[1]
-    assert np.sqrt(apart @ (system.K @ apart)) <= np.sqrt(2 * found.gap[1]) + np.sqrt(2 * exact.gap[1])
-    missed = (1 - np.cos(np.pi / polygon)) * float(found.weights[-1] @ found.slipped[-1])
-    assert 0.01 * missed < found.gap[1] <= missed * (1 + 1e-6) + 1e-12 * exact.norm[1] ** 2
-    with pytest.raises(vx.NotCertified, match=r"OSQP reached .* but 1\.0e-06 was requested.*raise polygon"):
-        vx.march(system, between, solver=vx.OSQP(polygon=polygon))
-
-
 def test_osqp_refuses_discs():
-    with pytest.raises(vx.NotAccepted, match=r"^solver OSQP: the program has second-order cones.*polygon=16 replaces"):
+    with pytest.raises(vx.NotAccepted, match=r"^solver OSQP: the program has second-order cones"):
         vx.march(make_system("bilateral, to and fro", 2), [0.0, 0.2], solver=vx.OSQP())
 
 

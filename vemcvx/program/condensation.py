@@ -15,15 +15,13 @@ Let y be a state under the force f, with retained displacements y_c; xi_f and ta
 where phi'y is the work of a force phi. No energies are subtracted from each other. If K has a kernel
 (:mod:`.kernel`), the diagonal matrix E of the anchors' stiffness is added to K; the Schur complement is then S + E.
 
-The loads of a run combine few forces, called shapes. Each costs one solve; the energy of a combination is a sum over
-pairs of shapes.
+The loads of a run combine few forces, called shapes. Each costs one solve.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,79 +39,39 @@ MOST_SHAPES = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Reduced:
     """A force phi (n,) with its xi (n,) and tau (m,), and `released` (m,), the retained part of K^{-1} phi."""
 
     phi: Floats
     xi: Floats
-    tau: Floats
+    retained: Floats  # tau
     released: Floats
-    _works: WeakKeyDictionary[Shape, float] = field(default_factory=WeakKeyDictionary, repr=False)
-
-    def work_inside(self, other: Shape) -> float:
-        """Return phi'xi, the work of this shape's phi on the xi of another shape."""
-        work = self._works.get(other)
-        if work is None:
-            self._works[other] = work = float(self.phi @ other.xi)
-        return work
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """A force as a combination of shapes with coefficients `shares`."""
-
-    condensation: Condensation
-    shares: dict[Shape, float]
-
-    @cached_property
-    def retained(self) -> Floats:
-        """The force tau (m,) on the retained unknowns."""
-        return self._sum("tau", len(self.condensation.retained))
-
-    @cached_property
-    def phi(self) -> Floats:
-        """The force (n,)."""
-        return self._sum("phi", self.condensation.system.n)
-
-    @property
-    def xi(self) -> Floats:
-        """The response xi (n,) with fixed retained unknowns."""
-        return self._sum("xi", self.condensation.system.n)
-
-    @cached_property
-    def x(self) -> Floats:
-        """The response K^{-1} phi (n,)."""
-        return self.condensation.complete(self.xi, self._sum("released", len(self.condensation.retained)))
 
     @cached_property
     def norm(self) -> float:
-        """The energy norm (phi'K^{-1}phi)^{1/2} of `x`."""
-        released = self._sum("released", len(self.condensation.retained))
+        """The energy norm (phi'K^{-1}phi)^{1/2}."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return float(np.sqrt(abs(self.work_inside(self) + float(self.retained @ released))))
+            return float(np.sqrt(abs(self.work_inside(self) + float(self.retained @ self.released))))
 
     def work_inside(self, other: Reduced) -> float:
         """Return phi'xi, the work of this force on the xi of another force."""
-        pairs = ((one, a, two, b) for one, a in self.shares.items() for two, b in other.shares.items())
-        # Multiply in this order: a * b can overflow where a * b * work does not.
-        return float(sum(a * (b * one.work_inside(two)) for one, a, two, b in pairs))
+        return float(self.phi @ other.xi)
+
+    def plus(self, other: Reduced, share: float = 1.0) -> Reduced:
+        """Return this force plus `share` times another force."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return Reduced(
+                self.phi + share * other.phi,
+                self.xi + share * other.xi,
+                self.retained + share * other.retained,
+                self.released + share * other.released,
+            )
 
     def __add__(self, other: Reduced) -> Reduced:
-        total = dict(self.shares)
-        for shape, share in other.shares.items():
-            total[shape] = total.get(shape, 0.0) + share
-        return Reduced(self.condensation, total)
+        return self.plus(other)
 
     def __sub__(self, other: Reduced) -> Reduced:
-        return self + Reduced(self.condensation, {shape: -share for shape, share in other.shares.items()})
-
-    def _sum(self, name: str, count: int) -> Floats:
-        """Return the combination (count,) of one array per shape."""
-        total = np.zeros(count)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for shape, share in self.shares.items():
-                total += share * getattr(shape, name)
-        return total
+        return self.plus(other, -1.0)
 
 
 class Condensation:
@@ -137,7 +95,7 @@ class Condensation:
                 )
             self.anchor = scatter(choose_anchors(system.kernel.modes[c], system.K.diagonal()[c]), c, n)
         self._K = system.K if self.anchor is None else sp.csr_matrix(add_anchors(system.K, self.anchor))
-        self._bases: dict[str, list[tuple[Floats, Shape]]] = {}
+        self._bases: dict[str, list[Reduced]] = {}
         if self.whole:
             self.factor: Factor = self.linear.factorise(self._K, system.near_kernel)
             self.retained, self._S = np.arange(n), self._K
@@ -171,24 +129,24 @@ class Condensation:
         """Return the reduced form of a force (n,); if it combines earlier forces of this kind, no solve is needed."""
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
-        basis, shares = self._bases.setdefault(kind, []), dict[Shape, float]()
-        for q, shape in basis:
-            share = float(q @ rest) / float(q @ q)  # Exactly 1 if the load is the shape itself.
-            rest, shares[shape] = rest - share * q, unit * share
+        n, m = len(phi), len(self.retained)
+        none = total = Reduced(np.zeros(n), np.zeros(n), np.zeros(m), np.zeros(m))
+        basis = self._bases.setdefault(kind, [])
+        for shape in basis:
+            share = float(shape.phi @ rest) / float(shape.phi @ shape.phi)  # Exactly 1 if the load is the shape itself.
+            rest, total = rest - share * shape.phi, total.plus(shape, unit * share)
         if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
-            return Reduced(self, shares)
-        full = len(basis) == MOST_SHAPES
-        rest, shares = (load, {}) if full else (rest, shares)
-        new = self._solve_shape(rest)
-        if not full:
-            basis.append((rest, new))
-        return Reduced(self, {**shares, new: unit})
+            return total
+        if len(basis) == MOST_SHAPES:
+            return none.plus(self._solve_shape(load), unit)
+        basis.append(self._solve_shape(rest))
+        return total.plus(basis[-1], unit)
 
-    def _solve_shape(self, phi: Floats) -> Shape:
-        """Compute the shape of a force (n,)."""
+    def _solve_shape(self, phi: Floats) -> Reduced:
+        """Reduce a force (n,) by a solve."""
         xi = self.solve_interior(phi)
         tau = self.balance(phi[self.retained] - self._K[self.retained] @ xi, phi)
-        return Shape(phi, xi, tau, self.operators.factor.solve(tau))
+        return Reduced(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
         """Return tau (m,), corrected to do the work of phi (n,) in K's kernel; rounding counts as zero work."""
@@ -216,6 +174,10 @@ class Condensation:
             xi = self.factor.solve(inner)
         xi[c] = 0.0
         return xi
+
+    def response(self, force: Reduced) -> Floats:
+        """Return the response K^{-1} phi (n,) to a force."""
+        return self.complete(force.xi, force.released)
 
     def complete(self, xi: Floats, y_c: Floats) -> Floats:
         """Return xi + K^{-1} (0, S y_c), the state (n,) with retained unknowns y_c, or k states (n, k)."""

@@ -3,9 +3,9 @@
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
 The unknowns are d, bounds t_i of the norms, and excesses v_j of soft limits; v_j = 0 if limit j is a bound. C is the
-diagonal matrix of compliances. Norm term i has one second-order cone, with the dual (w_i, -lam_i); p is the dual of
-D d - v <= e. With s = B d - b, absolute values may be written as s <= t and -s <= t; lam is the first dual minus the
-second. A term that always sticks is the equation s_i = 0.
+diagonal matrix of compliances. A vector s_i = B_i d - b_i has one second-order cone, with the dual (w_i, -lam_i).
+Absolute values are s <= t and -s <= t; lam is the first dual minus the second. p is the dual of D d - v <= e. A term
+that always sticks is the equation s_i = 0.
 """
 
 from __future__ import annotations
@@ -63,18 +63,10 @@ class CvxpyStep:
         return all(dual.value is not None for one in self.problem.constraints for dual in one.dual_variables)
 
 
-def to_cvxpy(
-    operators: Operators,
-    data: Sequence[Floats] | None,
-    cones: bool = True,
-    corners: Floats | None = None,
-    stuck: Bools | None = None,
-) -> CvxpyStep:
+def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) -> CvxpyStep:
     """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
 
-    Without `cones` each absolute value is written as two inequalities. If unit vectors `corners` (P, block) are given,
-    each disc of multipliers is replaced by the polygon with corners on the circle in these directions. Terms that are
-    `stuck` (m,) do not slip; their weights must be finite.
+    Terms that are `stuck` (m,) do not slip; their weights must be finite.
     """
     import cvxpy as cp
 
@@ -87,15 +79,12 @@ def to_cvxpy(
     sides: list[cp.Constraint] = []
     still: list[cp.Constraint] = []
     limits: list[cp.Constraint] = []
-    corners = np.array([[1.0], [-1.0]]) if block == 1 else corners
     if m:
         t, s = cp.Variable(m), operators.B @ d - b
         energy += w @ t
-        if corners is None or (cones and block == 1):
-            sides = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
-        else:
-            sides = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
-        if stuck is not None and stuck.any():
+        cone = cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)
+        sides = [cone] if block > 1 else [s <= t, -s <= t]
+        if stuck.any():
             held = np.repeat(stuck, block)
             still = [sp.csr_matrix(sp.eye_array(len(held)))[held] @ s == 0]
     if r:
@@ -108,15 +97,15 @@ def to_cvxpy(
 
     def multipliers() -> tuple[Floats, Floats]:
         lam, p = np.zeros((m, block)), np.asarray(limits[0].dual_value) if r else np.zeros(0)
-        if m and isinstance(sides[0], cp.SOC):
+        if m and block > 1:
             lam = -np.reshape(sides[0].dual_value[1], (block, m), order="F").T
-        elif corners is not None:
-            lam = sum((np.outer(side.dual_value, corner) for side, corner in zip(sides, corners, strict=False)), lam)
+        elif m:
+            lam = (sides[0].dual_value - sides[1].dual_value)[:, None]
         if still:
             lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
         return lam, p
 
     # OSQP prints, even without verbose, if no constraint is active; the added constraint idle >= 0 is always active.
     # SCS fails on programs without constraints.
-    idle = 0.0 if cones and (sides or limits) else cp.Variable(nonneg=True)
+    idle = 0.0 if block > 1 and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -334,14 +334,8 @@ class StepProgram(ArrayRecord):
         rounding = self.operators.rounding(forces, np.abs(d) + np.abs(before))
         return float(self.operators.energies_of_rounding(rounding))
 
-    def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
+    def to_cvxpy(self) -> CvxpyStep:
         """Return the program in cvxpy, for any solver that cvxpy can call.
-
-        Parameters
-        ----------
-        cones : bool, optional
-            If True, write one second-order cone per norm term. If False, write absolute values as two inequalities, as
-            solvers of quadratic programs require. The default is False for absolute values.
 
         Returns
         -------
@@ -364,8 +358,8 @@ class StepProgram(ArrayRecord):
         """
         if len(self.g) == 0:
             raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
-        cones = self.operators.block > 1 if cones is None else cones
-        return to_cvxpy(self.operators, (self.g, self.finite_weights, self.b, self.e), cones, stuck=self.stuck)
+        data = self.g, self.finite_weights, self.b, self.e
+        return to_cvxpy(self.operators, data, self.stuck)
 
     def feasible(self, d: Floats) -> Floats:
         """Return increments (n,) close to d that satisfy the bounds."""

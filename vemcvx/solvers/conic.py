@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vemcvx.base.arrays import Floats, brief, flag, is_whole
+from vemcvx.base.arrays import Floats, brief, flag
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.program.cvxpy_step import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
@@ -206,11 +206,6 @@ class ThroughCvxpy(Solver):
         return super().advice if self.polish else f"use polish=True, or {super().advice.removeprefix('use ')}"
 
     @property
-    def corners(self) -> Floats | None:
-        """Unit vectors (P, 2) to the corners of the polygons that replace discs; None if discs are kept."""
-        return None
-
-    @property
     def cones(self) -> bool:
         """True if the solver accepts second-order cones."""
         import cvxpy as cp
@@ -225,8 +220,6 @@ class ThroughCvxpy(Solver):
         return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> _PreparedConic:
-        if self.corners is not None and operators.block > 2:
-            raise NotAccepted(f"solver {self.name}: polygons require norms of two components, not {operators.block}.")
         if self.solver not in list_installed():
             raise NotAccepted(
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(list_installed()))}. "
@@ -283,10 +276,6 @@ class OSQP(ThroughCvxpy):
     ----------
     accuracy, polish, options, tuned
         See :class:`ThroughCvxpy`.
-    polygon : int, optional
-        Replace the discs |lam_i| <= w_i by inscribed regular polygons with this many corners, at least 4. Certificates
-        still refer to discs: the gap is up to (1 - cos(pi / polygon)) sum w_i |s_i|, which is .019 times the sum for 16
-        corners. By default programs with discs are not accepted.
 
     Examples
     --------
@@ -296,29 +285,8 @@ class OSQP(ThroughCvxpy):
     """
 
     solver: str = field(default="OSQP", init=False)
-    polygon: int | None = None
 
-    instead: ClassVar[str] = "polygon=16 replaces discs by polygons; the certificate includes the error."
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.polygon is not None and not (is_whole(self.polygon) and self.polygon >= 4):
-            raise SceneError(f"OSQP: found polygon = {brief(self.polygon)}; wanted a number of corners, at least 4.")
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return LINEAR if self.polygon is None else FEATURES
-
-    @property
-    def advice(self) -> str:
-        return super().advice if self.polygon is None else f"raise polygon, or {super().advice}"
-
-    @property
-    def corners(self) -> Floats | None:
-        if self.polygon is None:
-            return None
-        angles = 2 * np.pi * np.arange(self.polygon) / self.polygon
-        return np.column_stack([np.cos(angles), np.sin(angles)])
+    accepts: ClassVar[frozenset[str]] = LINEAR
 
 
 class _PreparedConic:
@@ -330,17 +298,16 @@ class _PreparedConic:
         self._compiled: dict[bytes, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        cones = self._settings.cones and program.operators.block > 1
-        operators, corners, stuck = program.operators, self._settings.corners, program.stuck
+        operators, stuck = program.operators, program.stuck
         data = program.g, program.finite_weights, program.b, program.e
         with COMPILING:
             if isinstance(operators.K, np.ndarray):
                 if (key := stuck.tobytes()) not in self._compiled:
-                    self._compiled[key] = to_cvxpy(operators, None, cones, corners, stuck), {}
+                    self._compiled[key] = to_cvxpy(operators, None, stuck), {}
                 step, kept = self._compiled[key]
                 step.at(data)
             else:
-                step, kept = to_cvxpy(operators, data, cones, corners, stuck), {}
+                step, kept = to_cvxpy(operators, data, stuck), {}
         options = self._settings.choose_options(target, semidefinite=operators.kernel is not None)
         status, iterations = _run(step, kept, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((operators.count, operators.block)), np.zeros_like(program.e)

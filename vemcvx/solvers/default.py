@@ -19,7 +19,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, brief, flag, lengths
 from vemcvx.base.errors import NotAccepted, SceneError
-from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
+from vemcvx.program.operators import FEATURES, QUADRATIC, Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
 from vemcvx.solvers.law import Weights
@@ -216,7 +216,6 @@ def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver
         raise NotAccepted(
             f"solver {asked.name}: the program has {name_features(missing)}, which it does not accept; "
             f"it accepts {name_features(asked.accepts)}. These accept the program: {able}."
-            + (f" {asked.instead}" if asked.instead and SECOND_ORDER_CONES in missing else "")
         )
     return asked
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
-from typing import ClassVar, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -69,8 +69,6 @@ class Solver(ABC):
         True if the solver accepts a K with a kernel, `operators.kernel`: only friction and contact then hold a body.
     any_units : bool
         True if the solver works in any units; other solvers receive scaled programs.
-    instead : str
-        A sentence for error messages: which setting would make the solver accept more features.
 
     Examples
     --------
@@ -87,7 +85,6 @@ class Solver(ABC):
     accuracy: float = 1e-6
     semidefinite: bool = False
     any_units: bool = False
-    instead: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         """Check the settings."""

@@ -475,14 +475,15 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
     if isinstance(initial, Continued):
         return initial.y
     if isinstance(initial, Balanced):
-        return initial.near + run.condensation.reduce(initial.force - run.system.K @ initial.near).x
+        left = run.condensation.reduce(initial.force - run.system.K @ initial.near)
+        return initial.near + run.condensation.response(left)
     if isinstance(initial, str) and initial == "equilibrium":
         if run.system.kernel is not None:
             raise SceneError(
                 "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
                 "use 'settled' (one step from zero) or a given state."
             )
-        return now.force.x
+        return run.condensation.response(now.force)
     if isinstance(initial, str):
         raise SceneError(
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "

@@ -95,7 +95,7 @@ class StepData:
         push, field = force - force, np.zeros(0)
         if motion is not None:
             push = condensation.reduce(motion.dirichlet_force(t), "supports")
-            field = motion.frame(t, -push.x)
+            field = motion.frame(t, -condensation.response(push))
         slip, gap, ground = system.slip_of_supports(t), system.remaining_gap(t), system.ground(t)
         return cls(t=t, force=force, prescribed_slip=slip, remaining_gap=gap, ground=ground, push=push, field=field)
 
@@ -269,7 +269,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     if kernel is not None:
         y = y - kernel @ (kernel.T @ y)  # Remove rigid motions, which may be large and cost digits.
     if motion is not None:
-        y, load = y + now.push.x[condensation.retained], load + now.push
+        y, load = y + now.push.released, load + now.push
         square += motion.pair(now.field, now.field) + 2.0 * _anchor_work(condensation, now.push, y)
     return 0.5 * (square + load.work_inside(load) + float(y @ product(operators.K, y)))
 
@@ -277,7 +277,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
     """Return a(u_m, P z) for a motion z of the retained unknowns: the work of the anchors, zero without anchors."""
     anchor = condensation.anchor
-    return 0.0 if anchor is None else float(z @ (anchor * push.x[condensation.retained]))
+    return 0.0 if anchor is None else float(z @ (anchor * push.released))
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
@@ -289,7 +289,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     work += float((after.lam * given).sum()) - float(after.p @ (now.remaining_gap - last.remaining_gap))
     if motion is not None:
         moved = now.push - last.push
-        x, z = moved.x[condensation.retained], after.y + now.push.x[condensation.retained]
+        x, z = moved.released, after.y + now.push.released
         force, d, change = force + now.push, d + x, change + moved
         work += motion.pair(now.field, now.field - last.field) + _anchor_work(condensation, moved, z)
         work -= float(after.unbalanced @ x)

@@ -24,7 +24,7 @@ gc.disable()
 
 LONGER = {
     "bound": "error_bound",
-    "cli": "cli cli_compare cli_completion cli_report cli_said cli_space cli_supplied",
+    "cli": "cli cli_compare cli_report cli_said cli_space cli_supplied",
     "cost": "cost",
     "effects": "absence closed_forms conformance_effects",
     "estimate": (

@@ -13,7 +13,7 @@ INDEX = """# Learn
 
 There are eleven lessons for students who know linear algebra and a little of finite elements. Each has formulas, code,
 pictures, questions whose answers unfold, and exercises with solutions. `vemcvx lesson N` copies lesson N and its
-solutions into your folder. `--notebook` copies them as notebooks; `--no-solutions` leaves out the solutions.
+solutions into your folder. `--notebook` copies them as notebooks.
 
 [](course.md) helps lecturers, and has a table of symbols.
 

@@ -204,7 +204,7 @@ def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
     assert {row["solver"].split()[0] for row in answered} == {"newton", "clarabel", "Mine"}
     # Certificates bound true errors up to the uncertainty of the optimum.
     assert all(float(row["true"]) <= float(row["certified"]) + 1e-12 for row in answered)
-    for name in ("benchmark.md", "profiles.png"):
+    for name in ("benchmark.txt", "profiles.png"):
         assert (tmp_path / "one" / name).stat().st_size > 500
     before = {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")}
     benchmark(collection, *asked)

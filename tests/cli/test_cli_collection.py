@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import json
 import subprocess
 import sys
@@ -12,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_cli import invoke, output_of
+from test_cli import invoke
 
 import vemcvx as vx
 from vemcvx.cli.collection import INSTANCES, CollectionInstance, confirm, write_collection
 from vemcvx.cli.collection.benchmark import kind_of
-from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, departures
+from vemcvx.cli.collection.writing import CORE, LARGE, OPTIMA, SEQUENCES, SIZES
 from vemcvx.exchange import sequence_from_npz
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
@@ -44,22 +45,6 @@ def test_names_are_unique_and_published_and_every_grade_has_a_core_instance():
     assert {one.grade for one in INSTANCES if one.name in CORE} == GRADES
     published = [line.split(",")[0] for line in SCRIPT.with_name(OPTIMA).read_text().splitlines()[1:]]
     assert sorted(published) == sorted([*names, *(one.name for one in (*LARGE, *SEQUENCES))])
-
-
-@pytest.mark.long
-def test_optima_are_compared_with_the_published_ones(tmp_path):
-    small = [one for one in INSTANCES if one.name in CORE and one.problem in ("block_between_dies", "block_on_incline")]
-    assert "optima.csv agrees with" in write_collection(tmp_path, instances=small)
-    row = read_manifest(tmp_path)[0]
-    optimum = row["optimum"]
-    assert departures([{**row, "unknowns": 99}]) == [f"{row['name']} has unknowns 99, not {row['unknowns']}"]
-    assert departures([{**row, "name": "new"}]) == ["new is not in the published optima.csv"]
-    lower = {**optimum, "low": optimum["low"] - 2.0, "high": optimum["low"] - 1.0}
-    (told,) = departures([{**row, "optimum": lower}])
-    assert told.startswith(f"{row['name']} has low {lower['low']!r}, not ")
-    # Differences of rounding between machines are accepted.
-    rounded = {key: optimum[key] * (1 - 1e-11) for key in ("low", "high")}
-    assert departures([{**row, "optimum": {**optimum, **rounded}}]) == []
 
 
 @pytest.mark.long
@@ -167,5 +152,14 @@ def test_the_script_confirms_the_whole_collection(tmp_path):
     assert done.exit_code == 0, done.output
     run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "optima.csv agrees with" in output_of(done)
+    published, made = (list(csv.DictReader(path.open())) for path in (SCRIPT.with_name(OPTIMA), tmp_path / OPTIMA))
+    known = {row["name"]: row for row in published}
+    for row in made:
+        same = known[row["name"]]
+        assert [row[key] for key in ("grade", *SIZES, "status")] == [same[key] for key in ("grade", *SIZES, "status")]
+        if row["low"]:
+            # With a condition number up to 1e9, bounds depend on the rounding of the machine.
+            tolerance = 5e-8 if row["grade"] == "incompressible" else 1e-9
+            low, high = (pick(float(row[end]), float(same[end])) for pick, end in ((max, "low"), (min, "high")))
+            assert low - high <= tolerance * abs(high), row["name"]
     assert "141 of 141 are confirmed: 135 optima, 6 proofs that no optimum exists" in run.stdout

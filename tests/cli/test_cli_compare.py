@@ -132,7 +132,7 @@ def test_all_solvers_that_accept_the_program_agree():
 def test_solvers_that_miss_the_accuracy_or_are_not_installed_have_a_row():
     output = compare("--steps", 3, "--accuracy", "1e-12", "--solvers", "newton,clarabel,Mosek")
     outcomes = read_outcomes(output)
-    assert outcomes["Clarabel", "tuned"].startswith("missed misses its accuracy in ")
+    assert outcomes["Clarabel", "tuned"].startswith("missed misses its accuracy at ")
     assert outcomes["MOSEK", "default"].startswith("refused cvxpy does not find it here")
     assert [read_rows(output)["Clarabel", "tuned"][k] for k in (2, 5)] == ["no", "yes"]
 

@@ -52,22 +52,19 @@ def run(pad, *words):
         ("(1,2)", ["(1,2)"]),
         ("(1,2),(3,4)", ["(1,2)", "(3,4)"]),
         ("hard,2-ply", ["hard", "2-ply"]),
-        ("'hard,soft'", ["'hard,soft'"]),
         ("f(1,2)x", ["f(1,2)x"]),
         (",", [","]),
     ],
 )
-def test_values_are_split_at_commas_outside_brackets_and_quotes(typed, values):
+def test_values_are_split_at_commas_outside_brackets(typed, values):
     assert split_values(typed) == values
 
 
-def test_settings_are_combined_and_tuples_are_single_values(pad):
+def test_settings_are_combined_and_brackets_are_single_values(pad):
     problem = read_problem(pad)
     assert problem.combine_settings(["friction=.1,.2", "kind=hard,soft"]) == [
         (f"friction={friction}", f"kind={kind}") for friction in (".1", ".2") for kind in ("hard", "soft")
     ]
-    # `push` is a pair by default.
-    assert problem.combine_settings(["push=.1,-.02"]) == [("push=.1,-.02",)]
     assert problem.combine_settings(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
     assert problem.combine_settings([]) == [()]
 

@@ -103,14 +103,6 @@ def test_a_lesson_is_copied_as_a_notebook_with_the_cells_of_its_file(tmp_path):
             assert source.replace("\n", "\n# ").replace("# \n", "#\n") in text
 
 
-@pytest.mark.parametrize(("options", "suffix"), [((), "py"), (("--notebook",), "ipynb")])
-def test_a_lesson_for_homework_is_copied_without_solutions(tmp_path, options, suffix):
-    name = f"lesson_1_one_slider.{suffix}"
-    printed = run("lesson", "1", "--no-solutions", *options)
-    assert [printed.split()[0]] == [path.name for path in tmp_path.iterdir()] == [name]
-    assert "lesson_1_solutions" not in (tmp_path / name).read_text(encoding="utf-8")
-
-
 def test_a_package_without_problem_files_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
     assert "found no problem files" in refuse("problems")

@@ -92,7 +92,6 @@ HOW = {
     'pip install ".[view]"': As(env="all"),
     "python tests/benchmarks/run.py --page": As("python tests/benchmarks/run.py --page --quick", env="all"),
     "vemcvx run FILE --target 0.02": As(f"vemcvx run {PAPER} --target 0.1 --steps 2"),
-    "vemcvx lesson 1 --no-solutions": As("cd results && vemcvx lesson 1 --no-solutions"),
     "vemcvx lesson 6 --notebook": As("cd results && vemcvx lesson 6 --notebook"),
     "vemcvx lesson 6": As("cd results && vemcvx lesson 6 && python lesson_6_certificates.py"),
     'pip install ".[docs]" && python docs/build.py site': As(env="docs"),

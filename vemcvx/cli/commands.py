@@ -1,7 +1,6 @@
 """The program and its commands.
 
-A command is a frozen dataclass: its fields are the options for typer, and its method `__call__` does the work. The
-docstring of the method is the help.
+The fields of a command are its options, `__call__` does the work, and the docstring of `__call__` is the help.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from typer.core import TyperGroup
 
 from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
-from vemcvx.cli.options import lesson_numbers
 from vemcvx.cli.supplied import copy_lesson, lessons, problem_files, problems_folder
 from vemcvx.cli.terminal import report_errors, say
 
@@ -85,12 +83,9 @@ class Lesson:
 
     number: Annotated[
         int | None,
-        typer.Argument(metavar="[N]", autocompletion=lesson_numbers, help="Lesson number. (default: list all)"),
+        typer.Argument(metavar="[N]", help="Lesson number. (default: list all)"),
     ] = None
     notebook: Annotated[bool, typer.Option("--notebook", help="Copy the lesson as a notebook, .ipynb.")] = False
-    no_solutions: Annotated[
-        bool, typer.Option("--no-solutions", help="Copy the lesson without its solutions, for homework.")
-    ] = False
 
     def __call__(self) -> None:
         """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
@@ -99,7 +94,7 @@ class Lesson:
             typer.echo(Table((), rows).text())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
-        for path in copy_lesson(self.number, self.notebook, not self.no_solutions):
+        for path in copy_lesson(self.number, self.notebook):
             say(f"{path}")
         places = "VS Code, Jupyter (jupytext) or marimo, or run it with Python"
         say(f"Open the lesson {'in Jupyter or VS Code' if self.notebook else f'as a notebook in {places}'}.")

@@ -1,17 +1,12 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-If friction bounds do not depend on the answer, a step does not enlarge the difference of two states in the energy norm
-|.|_K. So the states y, z of two solvers obey
+If friction bounds do not depend on the answer, a step does not enlarge the distance of two states in the energy norm.
+So the states y, z of two solvers obey
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of (sqrt(2 gap_m) + sqrt(2 floor_m)),
 
-where gap_m and floor_m are the duality gap and the rounding floor of step m. All answers are compared with the most
-certain answer: its E_n at the end is the smallest. Certificates that satisfy the inequality are *honest*. A certificate
-is *good* if it is as small as requested, apart from its rounding floor. The inequality may fail if one-sided limits
-meet friction or viscosity (:class:`vemcvx.stepping.trajectory.Trajectory`).
-
-Every solver has a row, even if it refuses the program, misses its accuracy, or fails. With a time limit, each solver
-runs in a separate process, which is stopped at the limit.
+where gap_m and floor_m are the duality gap and the rounding floor of step m. Certificates are *honest* if this holds.
+A certificate is *good* if it is as small as requested, apart from its rounding floor.
 """
 
 from __future__ import annotations
@@ -31,7 +26,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import NotAccepted, NotCertified, SceneError, VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps, solver_names
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps
 from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import NAMES, make_solver, read_options
 from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, limit_log, parse_list, progress_bar, say, write_text
@@ -49,10 +44,7 @@ CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A row of the comparison: a solver, its settings ("own", "tuned" or "default"), and its outcome.
-
-    Errors are relative to the largest energy norm of the states so far. `iterations` is the median over steps.
-    """
+    """A row of the comparison: a solver, its settings ("own", "tuned" or "default"), and its outcome."""
 
     solver: str
     settings: str
@@ -92,25 +84,18 @@ class Comparison:
 
     @property
     def remarks(self) -> Iterator[str]:
-        """Lines on the outcomes of solvers, on the meaning of columns, and on contradicted certificates."""
+        """Lines on the outcomes of solvers, and on contradicted certificates."""
         for row in self.rows:
             if row.message:
                 yield f"{row.label}: {row.outcome}: {row.message}"
             if row.certified is not None and row.options:
                 yield f"{row.label}: settings {row.options}"
-        if (best := self.most_certain) is None:
-            return
-        yield "certified: error bound, rounding included; rel.: relative to the largest energy norm so far"
-        yield "good: certified as requested in all steps, apart from rounding"
-        yield f"distance: between the states and those of {best}, the most certain solver, in energy norm"
-        if self.rigorous:
-            yield "allowed: largest distance by both certificates; honest: yes if the distance is not larger"
-        else:
-            why = "friction depends on pressure or slip, or there is friction or viscosity with one-sided contact"
+        if self.most_certain is not None and not self.rigorous:
+            why = "friction depends on pressure or slip, or one-sided contact meets friction or viscosity"
             yield f"allowed: no bound here: {why}"
         for row in self.rows:
             if row.honest is False:
-                yield f"WRONG: {row.label} is farther from {best} than both certificates allow"
+                yield f"WRONG: {row.label} is farther from {self.most_certain} than both certificates allow"
 
 
 def judge(system: System, attempts: Sequence[Attempt]) -> Comparison:
@@ -130,11 +115,10 @@ def _judge_row(system: System, row: Row, run: Trajectory | None, best: Trajector
         apart, limit, kept = distance(system, best, run)
     missed, message = np.flatnonzero(run.certificate > row.asked), ""
     if len(missed):
-        n, later = int(missed[0]), np.count_nonzero(missed)
-        # A settled initial state is solved and certified, too, but it is no step.
-        where = ["at the start"] if n == 0 else []
-        where += [f"in {later} of {count_steps(len(run.times) - 1)}"] if later else []
-        message = f"misses its accuracy {' and '.join(where)}, first in step {n} at t = {run.times[n]:.6g}, "
+        n = missed[0]
+        message = (
+            f"misses its accuracy at {len(missed)} of {len(run.times)} instants, first at t = {run.times[n]:.6g}, "
+        )
         message += f"where it reached {run.certified[n]:.1e}"
     return replace(
         row,
@@ -160,10 +144,7 @@ def error_bounds(run: Trajectory) -> Floats:
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the relative distance of two answers, the sum of both certified errors, and True if this sum is a bound.
-
-    Both numbers are for the instant with the largest distance or, if this sum is no bound, the largest distance - sum.
-    """
+    """Return the relative distance of two answers, the sum of their certified errors, and True if it is a bound."""
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
     limit, unit = error_bounds(one) + error_bounds(other), np.where(one.unit > 0, one.unit, 1.0)
@@ -192,7 +173,6 @@ class Compare:
         str,
         typer.Option(
             metavar="A,B,...",
-            autocompletion=solver_names,
             help="Names of solvers, FILE.py:CLASS for your own, or all for every solver that is installed.",
         ),
     ] = "newton,clarabel,osqp,direct"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,28 +11,24 @@ from typing import Annotated
 
 import typer
 
-from vemcvx.base.arrays import choice
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import ProblemError, VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.base.owned_files import Owned
-from vemcvx.base.version import __version__
-from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
+from vemcvx.cli.options import CELLS, NONE, File, Settings
 from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import make_solver
 from vemcvx.cli.terminal import FRACTIONS, fraction, parse_list, progress_bar, say
-from vemcvx.cost.study import reserve_files
-from vemcvx.cost.sweeping import JOURNAL, Point, Sweep, sweep
+from vemcvx.cost.sweeping import Point, Sweep, sweep
 from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
 from vemcvx.cost.workers import DONE
-from vemcvx.estimate.adapt import QUANTITIES
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 
 DEFAULT_FAMILIES = ("squares", "triangles", "voronoi")
 DEFAULT_N, DEFAULT_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 DEFAULT_SPACE_FAMILIES, SPACE_N, SPACE_TARGETS = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
 OTHER_SOLVERS = "clarabel", "osqp"
-TABLE, PICTURE = "cost.csv", "cost.png"
+TABLE, PICTURE, ARCHIVE = "cost.csv", "cost.png", "reference.npz"
 
 
 def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
@@ -52,7 +46,6 @@ class Cost:
         str | None,
         typer.Option(
             metavar="A,B,...",
-            autocompletion=families,
             help="Families of meshes. (default: squares,triangles,voronoi; in space cubes,tetrahedra)",
         ),
     ] = None
@@ -64,7 +57,6 @@ class Cost:
         str | None,
         typer.Option(
             metavar="A,B,...",
-            autocompletion=solver_names,
             help="Solvers. (default: newton, and clarabel and osqp at a few points)",
         ),
     ] = None
@@ -79,7 +71,6 @@ class Cost:
             "0.2,0.1; none with --n)",
         ),
     ] = None
-    of: Of = "energy"
     workers: Annotated[int, typer.Option(min=1, help="Number of processes at a time.")] = 2
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for all results. (default: results/cost_<problem>)")
@@ -89,7 +80,6 @@ class Cost:
     def __call__(self) -> None:
         """Measure the cost of accuracy: true errors against seconds and unknowns, for meshes, steps and solvers."""
         problem = read_problem(self.file)
-        choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
         usual = SPACE_TARGETS if problem.in_space() else DEFAULT_TARGETS
         typed = self.target or (usual if self.n is None else None)
         targets = sorted(parse_list("--target", typed, fraction, FRACTIONS), reverse=True) if typed else []
@@ -97,23 +87,19 @@ class Cost:
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
         posed = recipe(points[-1])  # A problem that cannot be posed is one error here, instead of one at every point.
-        if self.of == "energy" and posed.scene.is_axisymmetric:
-            raise ProblemError("cost: found a body of revolution; choose --of dissipated, --of work or --of wear.")
-        reserve_files(folder, TABLE, PICTURE)
-        # The hash does not include files that the problem file imports.
-        words = [__version__.encode(), path.read_bytes(), *map(os.fsencode, self.settings)]
-        mark = hashlib.sha256(b"\0".join(words)).hexdigest()
-        with progress_bar("starting") as show:
-            found = sweep(recipe, points, folder, mark=mark, workers=self.workers, report=show)
+        if posed.scene.is_axisymmetric:
+            raise ProblemError("cost: found a body of revolution, for which energy errors are not measured.")
+        with Owned(folder) as files:
+            for name in (TABLE, PICTURE):
+                files.take(name)
+            with progress_bar("starting") as show:
+                found = sweep(recipe, points, files.take(ARCHIVE), workers=self.workers, report=show)
+            written = _write_files(found, targets, files, f"{problem.name}: what accuracy costs")
         lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
-        lines += advice(found.rows, targets or reachable_levels(found.rows))
-        say("\n".join([*lines, "", _write_files(found, targets, folder, f"{problem.name}: what accuracy costs")]))
+        say("\n".join([*lines, *advice(found.rows, targets or reachable_levels(found.rows)), "", written]))
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return all combinations, the largest first.
-
-        By default, Newton's method runs at all points, and other solvers run on some meshes of the first family.
-        """
+        """Return all combinations, the largest first; by default, other solvers run on some meshes only."""
         kinds = self._families(problem)
         ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)
         steps = parse_list("--steps", self.steps, _whole, WHOLE)
@@ -128,7 +114,7 @@ class Cost:
         found.sort(key=lambda point: (point.n, point.steps), reverse=True)
         first = Point(None, min(ns), None, solvers[0], min(accuracies))
         found = [replace(first, family=kind, target=target) for kind, target in product(kinds, targets)] + found
-        return [replace(point, of=self.of) for point in dict.fromkeys(found)]
+        return list(dict.fromkeys(found))
 
     def _families(self, problem: Problem) -> tuple[str | None, ...]:
         if self.mesh is None:
@@ -157,13 +143,10 @@ def _describe_reference(found: Sweep) -> list[str]:
     run, instants = found.reference, ", ".join(f"{t:g}" for t in found.instants)
     known = run["estimated_error"]
     own = "without an estimate of its error" if known is None else f"estimated error {known:.2%}"
-    errors = f"in the energy norm, the largest over t = {instants}, relative to the largest norm"
-    if "value" in run:
-        errors = f"of {QUANTITIES[run['of']]} at the end, relative to {run['value']:.6g}, the value of the reference"
     size = f"{run['cells']} cells, {run['unknowns']} unknowns, {count_steps(run['steps'])}"
     lines = [
         f"reference   {size}, {own}, {run['seconds']:.3g} s",
-        f"errors      {errors}",
+        f"errors      in the energy norm, the largest over t = {instants}, relative to the largest norm",
         "seconds     in one thread, from assembly to answer, without making the first mesh",
     ]
     if known is not None and any(row["error"] < 4 * known for row in answers(found.rows)):
@@ -172,8 +155,7 @@ def _describe_reference(found: Sweep) -> list[str]:
 
 
 def _describe_rows(found: Sweep) -> list[str]:
-    rows = found.rows
-    lines = [f"points      {len(rows)}, {found.kept} of them from earlier sweeps"]
+    rows, lines = found.rows, list[str]()
     ratios = [row["estimated_error"] / row["error"] for row in answers(rows) if row["estimated_error"] and row["error"]]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
@@ -183,12 +165,10 @@ def _describe_rows(found: Sweep) -> list[str]:
     return [*lines, *(f"warning     {words}" for words in warned)]
 
 
-def _write_files(found: Sweep, targets: Sequence[float], folder: Path, title: str) -> str:
-    files, rows = f"files       {folder}: {TABLE}, {JOURNAL}", found.rows
-    with Owned(folder) as own:
-        own.write(TABLE, table(rows))
-        try:
-            drawn = picture(rows, targets, found.reference["estimated_error"], title, QUANTITIES[rows[0]["of"]])
-        except VemcvxError as error:
-            return f"{files}\npicture     none: {error}"
-        return f"{files}, {own.write(PICTURE, as_png(drawn, 160))}"
+def _write_files(found: Sweep, targets: Sequence[float], files: Owned, title: str) -> str:
+    words = f"files       {files.path}: {files.write(TABLE, table(found.rows))}"
+    try:
+        drawn = picture(found.rows, targets, found.reference["estimated_error"], title)
+    except VemcvxError as error:
+        return f"{words}\npicture     none: {error}"
+    return f"{words}, {files.write(PICTURE, as_png(drawn, 160))}"

@@ -11,10 +11,9 @@ import typer
 from vemcvx.base.arrays import choice
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
-from vemcvx.cli.options import NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
+from vemcvx.cli.options import NONE, Accuracy, Condense, File, Mesh, N, Settings, SolverName
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.run import Run
-from vemcvx.cli.solver_names import serve_ranks
 from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.exchange import FORMATS, encode_program
 from vemcvx.results import programs_of_steps
@@ -36,13 +35,10 @@ class Export:
     solver: SolverName = "newton"
     accuracy: Accuracy = None
     condense: Condense = True
-    linear: Linear = None
     settings: Settings = NONE
 
     def __call__(self) -> None:
         """Write the convex programs of some steps, for other solvers, with their certified optima."""
-        if serve_ranks(self.linear):
-            return
         problem = read_problem(self.file)
         such = f"numbers or ranges from 1 to {self.of}, such as 1,{self.of} or 1-{self.of}; --of is the number of steps"
         runs = parse_list("--steps", self.steps, self._steps, such)
@@ -51,7 +47,7 @@ class Export:
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
             mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
-            same = ("file", "solver", "accuracy", "condense", "linear", "settings")
+            same = ("file", "solver", "accuracy", "condense", "settings")
             run = Run(**{name: getattr(self, name) for name in same})
             with progress_bar("assembling") as show:
                 history, _ = run.simulate(run.pose(problem, mesh, self.of), show, store=kept)

@@ -1,7 +1,4 @@
-"""`vemcvx app`: a page in the browser, on which a problem can be changed and solved again.
-
-The page is a marimo app: the file `live_page.py` in the folder of the problem files.
-"""
+"""`vemcvx app`: a page in the browser, on which a problem can be changed and solved again by marimo."""
 
 from __future__ import annotations
 
@@ -21,7 +18,6 @@ import typer
 
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.outline import count_steps
-from vemcvx.cli.options import problem_names
 from vemcvx.cli.problem_file import execute_file, read_problem, run_user_code
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
@@ -45,7 +41,6 @@ class App:
         str,
         typer.Argument(
             metavar="FILE",
-            autocompletion=problem_names,
             help="A problem file, or a name that `problems` lists. (default: the paper's block)",
         ),
     ] = ""

@@ -38,9 +38,8 @@ if TYPE_CHECKING:
 def execute_file(path: Path, kind: str) -> ModuleType:
     """Execute a file and return its module; raise ProblemError for a failure. `kind` names the file in messages."""
     if not os.path.isfile(path):
-        here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
         known = f" The package has this problem: run {path.stem}." if path.stem in problem_files() else ""
-        raise ProblemError(f"{path}: there is no such {kind}; found here: {here or 'no Python files'}.{known}")
+        raise ProblemError(f"{path}: there is no such {kind}.{known}")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is a Python file, whose name ends in .py.")
@@ -80,15 +79,8 @@ def parse_literal(text: str) -> Any:
 
 
 def split_values(text: str) -> list[str]:
-    """Split a text at commas outside brackets and quotes."""
-    try:
-        body = ast.parse(text, mode="eval").body
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        # The text is no Python expression: 2mm,3mm is split at the comma; a text with brackets or quotes stays whole.
-        return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
-    if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
-        return [text]
-    return [ast.get_source_segment(text, one) or "" for one in body.elts]
+    """Split a text at commas outside brackets."""
+    return [part.strip() for part in re.split(r",(?![^(\[]*[)\]])", text) if part.strip()] or [text]
 
 
 SPACE_N = 8  # Default number of cells across the shortest side in space.
@@ -161,21 +153,10 @@ class Problem:
         return {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD} | given
 
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest.
-
-        If the default value in the scene is a tuple or a list, "axis=1,0" is one value, and "axis=(1,0),(0,1)" are two.
-        """
-        choices: dict[str, list[str]] = {}
-        for setting, (name, value) in zip(settings, self._parse_settings(settings).items(), strict=True):
-            default = self._signature().get(name)
-            rows = isinstance(value, tuple) and all(isinstance(one, (tuple, list)) for one in value)
-            single = default is not None and isinstance(default.default, (tuple, list)) and not rows
-            text = setting.partition("=")[2]
-            choices[name] = [text] if single else split_values(text)
-            if len(set(choices[name])) < len(choices[name]):
-                raise ProblemError(f"--set: found a value twice in {setting!r}; give each value once.")
-        pairs = [[f"{name}={value}" for value in values] for name, values in choices.items()]
-        return list(product(*pairs))
+        """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest."""
+        self._parse_settings(settings)
+        typed = [setting.partition("=") for setting in settings]
+        return list(product(*(dict.fromkeys(f"{name}={x}" for x in split_values(text)) for name, _, text in typed)))
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """Return the scene, with parameters given as "name=value"."""
@@ -198,12 +179,10 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return the mesh. `family` names a family or, with a suffix, a mesh file; None is the family of the problem.
-
-        A file is read as several bodies if the scene names parts of bodies ("plate.rim") or interfaces ("plate|pin").
-        """
+        """Return the mesh of a family, of a mesh file (a name with a suffix), or of the problem's own family (None)."""
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
+            # The scene of several bodies names parts of bodies ("plate.rim") or interfaces ("plate|pin").
             names = [where(getattr(effect, "on", "")) for scene in scenes for effect in scene.effects]
             return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):

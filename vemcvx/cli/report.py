@@ -6,7 +6,6 @@ import base64
 import os
 import shlex
 import sys
-import textwrap
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from html import escape
@@ -60,7 +59,8 @@ def write_report(
         ("with", ", ".join(f"{name} {version}" for name, version in packages.items())),
     ]
     sections = {
-        "What was simulated": _prose(problem.text) + Outline("The scene (as by vemcvx show)", rows).html(),
+        "What was simulated": f"<pre>{escape(problem.text.strip())}</pre>"
+        + Outline("The scene (as by vemcvx show)", rows).html(),
         "Pictures": _pictures(history, problem),
         "Results": f"<pre>{escape(results)}</pre>",
         "Error budget": _budget(history),
@@ -73,13 +73,6 @@ def write_report(
     path = folder / REPORT
     write_text(path, page(f"{problem.name}: {problem.title}", body), "--report")
     return path
-
-
-def _prose(text: str) -> str:
-    """Return paragraphs as HTML; indented paragraphs (formulas or commands) keep their line breaks."""
-    parts = [part.strip("\n") for part in text.split("\n\n")]
-    kinds = [("pre" if part.startswith(" ") else "p", textwrap.dedent(part)) for part in parts if part.strip()]
-    return "".join(f"<{kind}>{escape(part)}</{kind}>" for kind, part in kinds)
 
 
 def _pictures(history: History, problem: Problem) -> str:

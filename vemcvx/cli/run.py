@@ -19,7 +19,7 @@ import typer
 
 from vemcvx.base.arrays import choice
 from vemcvx.base.canvas import new_figure
-from vemcvx.base.errors import ProblemError, VemcvxError, quietly
+from vemcvx.base.errors import ProblemError, quietly
 from vemcvx.base.outline import coordinates, count_steps
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, Of, SolverName
 from vemcvx.cli.problem_file import Posed, Problem, is_file, mesh_name, read_problem
@@ -227,10 +227,7 @@ class Run:
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
-        """Fail before the work starts if options contradict each other or files cannot be written.
-
-        Return the folder of the history (or None), and the folder of pictures and report.
-        """
+        """Check options and folders; return the folder of the history (or None), and that of pictures and report."""
         folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         if self.resume is not None and self.out is not None:
@@ -283,23 +280,15 @@ LEAST_MEMORY = 2000.0  # Least memory that solvers need, bytes per unknown.
 
 
 def check_memory(problem: Problem, n: int, family: str | None) -> None:
-    """Refuse a mesh before it is made if the memory of the machine is too small for every solver.
-
-    The number of unknowns is extrapolated from two coarse meshes.
-    """
+    """Refuse a mesh that is too large for the memory of the machine before it is made."""
     if n <= 64 or (family is not None and is_file(family)):
         return
-    try:
-        with quietly():
-            coarse, finer = (problem.mesh(k, family).points.size for k in (8, 16))
-    except VemcvxError:
-        return  # Some problem files have no coarse meshes.
-    unknowns = finer * (finer / coarse) ** np.log2(n / 16)
-    needed, most = LEAST_MEMORY * unknowns, machine_memory()
+    dimension = 3 if problem.in_space(family) else 2
+    needed, most = LEAST_MEMORY * dimension * float(n) ** dimension, machine_memory()
     if needed > most:
         raise ProblemError(
-            f"--n {n}: about {unknowns:.2g} unknowns need at least {needed / 1e9:.2g} GB of memory, and this machine "
-            f"has {most / 1e9:.2g} GB. Take fewer cells, or --target 0.02, which refines only where the error is large."
+            f"--n {n}: this mesh needs at least {needed / 1e9:.2g} GB of memory, and this machine has "
+            f"{most / 1e9:.2g} GB. Take fewer cells, or --target 0.02, which refines only where the error is large."
         )
 
 

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from vemcvx import effects
 from vemcvx.base.arrays import Floats
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
 from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, mesh_name, read_problem
 from vemcvx.cli.terminal import say
-from vemcvx.effects import Effect
 from vemcvx.history import FOR_GIVEN
 from vemcvx.meshes import Mesh as AnyMesh
-from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Norms, Operators
+from vemcvx.program import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene, pose_scene
 from vemcvx.solvers.default import BY_SIZE, name_features
-from vemcvx.stepping import softening_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,28 +60,19 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
     able = [solver for solver in BY_SIZE if operators.features <= solver.accepts]
     lacking = {solver.name: operators.features - solver.accepts for solver in BY_SIZE if solver not in able}
     refusing = [f"{name} (no {name_features(features)})" for name, features in lacking.items()]
-    once = f"{type(condensed.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
-    again = f"; then dense {m} x {m} each step" if m < n else " a step"
+    norms = posed.system.norms
     rows = {
         "simulated": "\n".join(effect.describe_body(posed.space.in_plane) for effect in scene.canonical),
         "left out": "\n".join(posed.inactive),
-        "not simulated": ", ".join(_absent(scene)),
         "mesh": f"{name}: {mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}",
         "unknowns": f"{n} in all, {m} after condensation",
         "program": _program(operators, posed.system.damping is not None),
         "terms": _terms(operators),
-        "certificate": _certificate(posed.system.norms, operators),
+        "certificate": "a bound" if norms is None or norms.is_monotone else FOR_GIVEN,
         "solvers": f"{', '.join(solver.name for solver in able)}; the default is {able[0].name}",
         "not accepting": ", ".join(refusing),
-        "linear solve": once + (again if m else "; then a back-substitution for every new shape of the load"),
     }
     return [(name, text) for name, text in rows.items() if text]
-
-
-def _absent(scene: Scene) -> list[str]:
-    named, kinds = {type(effect) for effect in scene}, [getattr(effects, name) for name in effects.__all__]
-    known = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Effect)]
-    return [kind.__name__ for kind in known if not inspect.isabstract(kind) and kind not in named]
 
 
 def _program(operators: Operators, viscous: bool) -> str:
@@ -106,13 +93,3 @@ def _terms(operators: Operators) -> str:
         kind = f"norms of {operators.block} components, {operators.count} second-order cones"
     found = [(operators.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
-
-
-def _certificate(norms: Norms | None, operators: Operators) -> str:
-    if norms is None or norms.is_monotone:
-        return "a bound"
-    found = softening_ratio(operators, norms.softening)
-    if found is None or found[0] == 0.0:
-        return FOR_GIVEN
-    limit = "the length of the step" if norms.reads_rates else "1"
-    return f"{FOR_GIVEN}; a step has one solution if softening over stiffness, {found[0]:.2g}, is below {limit}"

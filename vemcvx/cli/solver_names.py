@@ -14,7 +14,6 @@ from vemcvx.cli.problem_file import execute_file, parse_literal, run_user_code
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
 from vemcvx.solvers import (
     OSQP,
-    TUNED,
     Clarabel,
     Direct,
     Newton,
@@ -60,11 +59,6 @@ def make_solver(
     return kind(**given)
 
 
-def completions() -> list[str]:
-    """Return the names that shells complete: vemcvx's solvers, and solvers with settings tuned by vemcvx."""
-    return sorted({*NAMES, *(name.lower() for name in TUNED)})
-
-
 def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the settings of each solver, by its typed name, from words such as "clarabel.max_iter=200"."""
     called = {name.rpartition(":")[2].lower(): name for name in names}
@@ -81,10 +75,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 
 
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
-    """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings.
-
-    `fits` tests the class of the solver. The text `has` is for messages: it lists the members that the class needs.
-    """
+    """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings."""
     file, _, name = typed.rpartition(":")
     path = Path(file)
     module = execute_file(path, f"file of a {noun}")

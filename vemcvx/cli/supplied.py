@@ -1,8 +1,4 @@
-"""Problem files and lessons of the package: inside an installed package, or beside it in a checkout.
-
-Lessons are Python files with cells in jupytext's percent format. They can be copied as notebooks (nbformat 4.5,
-https://nbformat.readthedocs.io/en/latest/format_description.html).
-"""
+"""Problem files and lessons of the package: inside an installed package, or beside it in a checkout."""
 
 from __future__ import annotations
 
@@ -76,20 +72,20 @@ def problem_path(file: str | Path) -> Path:
     return supplied
 
 
-def copy_lesson(number: int, notebook: bool, solutions: bool) -> list[Path]:
-    """Copy a lesson, and its solutions if `solutions`, into this folder, and return the copies; overwrite no file."""
+def copy_lesson(number: int, notebook: bool) -> list[Path]:
+    """Copy a lesson and its solutions into this folder, and return the copies; overwrite no file."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
     lesson = known[number].path
-    files = [lesson, *([lesson.with_name(f"lesson_{number}_solutions.py")] if solutions else [])]
+    files = [lesson, lesson.with_name(f"lesson_{number}_solutions.py")]
     copies = {Path(f"{path.stem}.ipynb" if notebook else path.name): path for path in files}
     for copy in filter(os.path.lexists, copies):
         raise ProblemError(f"lesson: {copy} exists, and no file is overwritten; move it, or go to another folder.")
     for copy, path in copies.items():
         try:
             with copy.open("x", encoding="utf-8") as file:
-                text = re.sub("" if solutions else r"#\n# Solutions: .*\n", "", path.read_text(encoding="utf-8"))
+                text = path.read_text(encoding="utf-8")
                 file.write(f"{json.dumps(as_notebook(text), indent=1, ensure_ascii=False)}\n" if notebook else text)
         except OSError as error:
             raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error

@@ -79,7 +79,7 @@ LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal. Sh
 def progress_bar(doing: str) -> Iterator[ShowProgress]:
     """Show task, progress and time on standard error: a bar on a terminal, else a line every LINE_INTERVAL seconds."""
     if not sys.stderr.isatty():
-        yield ProgressLines(doing)
+        yield ProgressLines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -98,25 +98,18 @@ def progress_bar(doing: str) -> Iterator[ShowProgress]:
 
 
 class ProgressLines:
-    """Lines on standard error, one every `LINE_INTERVAL` seconds: task, progress, elapsed and remaining time."""
+    """Lines on standard error, one every `LINE_INTERVAL` seconds: task, progress and elapsed time."""
 
-    def __init__(self, doing: str):
-        self.start = self.last_line = self.since = time.monotonic()
-        self.doing, self.first = doing, 0
+    def __init__(self) -> None:
+        self.start = self.last_line = time.monotonic()
 
     def __call__(self, doing: str, finished: int, total: int | None) -> None:
-        """Record the progress, and print a line if the last line is older than `LINE_INTERVAL`."""
+        """Print a line if the last line is older than `LINE_INTERVAL`."""
         now = time.monotonic()
-        if doing != self.doing:
-            self.doing, self.first, self.since = doing, finished, now
-        if now - self.last_line < LINE_INTERVAL:
-            return
-        self.last_line, elapsed = now, f"{now - self.start:.0f} s"
-        if total is not None:
-            doing = f"{doing} {finished} of {total}"
-        if total is not None and finished > self.first:
-            elapsed += f", {(now - self.since) * (total - finished) / (finished - self.first):.0f} s left"
-        say(f"vemcvx: {doing}, {elapsed}", err=True)
+        if now - self.last_line >= LINE_INTERVAL:
+            counted = "" if total is None else f" {finished} of {total}"
+            say(f"vemcvx: {doing}{counted}, {now - self.start:.0f} s", err=True)
+            self.last_line = now
 
 
 @contextmanager
@@ -141,10 +134,6 @@ INVALID, NOT_CERTIFIED = 2, 3
 """Exit codes of commands that fail."""
 
 
-class Terminated(BaseException):
-    """A signal, SIGTERM or SIGHUP, that ends the command after its clean-up code; `args` has the signal's number."""
-
-
 @contextmanager
 def report_errors() -> Iterator[None]:
     """Turn an error inside the block into a line and an exit code, and each new warning into a line."""
@@ -160,7 +149,7 @@ def report_errors() -> Iterator[None]:
         return typer.Exit(code)
 
     try:
-        with warnings.catch_warnings(), _raise_on_signals():
+        with warnings.catch_warnings():
             warnings.showwarning = warn
             yield
     except VemcvxError as error:
@@ -171,25 +160,4 @@ def report_errors() -> Iterator[None]:
     except SystemExit as error:
         raise end(f"the code of the problem file ended the program by SystemExit({error.code!r}).", INVALID) from error
     except KeyboardInterrupt as stop:
-        advice = "`run --resume DIR` continues a run with --out DIR, and `cost` continues after its finished runs"
-        raise end(f"interrupted; {advice}.", 128 + signal.SIGINT) from stop
-    except Terminated as error:
-        raise typer.Exit(128 + error.args[0]) from error
-
-
-@contextmanager
-def _raise_on_signals() -> Iterator[None]:
-    """Raise Terminated for SIGTERM and SIGHUP, unless a handler exists or the signal is ignored."""
-
-    def end(number: int, _: object) -> None:
-        raise Terminated(number)
-
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
-    try:
-        for number in ours:
-            signal.signal(number, end)
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+        raise end("interrupted; `run --resume DIR` continues a run with --out DIR.", 128 + signal.SIGINT) from stop

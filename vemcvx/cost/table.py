@@ -42,8 +42,8 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as CSV, with two more columns that mark the Pareto fronts of seconds and of unknowns."""
-    fronts = {f"front_{cost}": [row["key"] for row in front(answers(rows), cost)] for cost in AXES}
-    return csv([row | {name: int(row["key"] in keys) for name, keys in fronts.items()} for row in rows])
+    fronts = {f"front_{cost}": front(answers(rows), cost) for cost in AXES}
+    return csv([row | {name: int(row in best) for name, best in fronts.items()} for row in rows])
 
 
 def front(rows: Sequence[Row], cost: str) -> list[Row]:
@@ -88,11 +88,8 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
         yield f"for {_percent(level)}: {words}"
 
 
-def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str, of: str) -> Figure:
-    """Draw true errors over seconds and over unknowns, with lines at `levels`.
-
-    A band marks errors below `resolved`, the estimated error of the reference.
-    """
+def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str) -> Figure:
+    """Draw true errors over costs, lines at `levels`, and a band below `resolved`, the error of the reference."""
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     if not found:
         raise VemcvxError("no run has an answer")
@@ -106,7 +103,7 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
             ax.axhspan(low, 100 * resolved, color="0.93", zorder=0, label="the reference's own error")
         ax.set(xscale="log", yscale="log", xlabel=words)
         light_grid(ax)
-    axes[0].set(ylim=(low, max(percents) * 1.25), ylabel=f"true error of {of}, %")
+    axes[0].set(ylim=(low, max(percents) * 1.25), ylabel="true error of the energy norm, %")
     plain_logarithms(axes[0].yaxis)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")

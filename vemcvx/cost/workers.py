@@ -1,8 +1,4 @@
-"""Calls of functions in separate processes: a crash does not stop the caller.
-
-Each call has a new process with one BLAS thread. So seconds and peak memories of parallel runs are comparable, and a
-run that crashes or exhausts the memory stops no other run. If the parent process ends, the new process ends, too.
-"""
+"""Calls of functions, each in a new process with one BLAS thread: a crash does not stop the caller."""
 
 from __future__ import annotations
 
@@ -29,10 +25,7 @@ class Crashed(Exception):
 
 
 def call_in_process(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
-    """Call a module-level function in a new process; arguments and result must be picklable.
-
-    `seconds` is the time limit of the process. Raise the VemcvxError of the function, or Crashed.
-    """
+    """Return the result of a module-level function, called in a new process; raise its VemcvxError, or Crashed."""
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, given), daemon=True)

@@ -1,25 +1,15 @@
 """`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
 
-Tolerances of two solvers bound different quantities and cannot be compared. So each solver runs with many tolerances; a
-run with one tolerance is a trial. The true error of its answer d is |d - d*|_K / |d*|_K, with the energy norm |.|_K and
-the certified optimum d* of the file. On an instance, the time of a solver to an error E is the time of its *cheapest*
-trial with a true error of at most E. The benchmark computes from these times
+A trial is a run of a solver with one of many tolerances. The true error of its answer d is |d - d*|_K / |d*|_K; d* is
+the certified optimum of the file, and |.|_K the energy norm. The time of a solver to an error E is the time of its
+*cheapest* trial with a true error of at most E. The benchmark reports
 
-- for every E, the number of instances that a solver solves to E. The other instances that it accepts are *missed* (all
-  answers are less accurate), *failed* (no answer) or *late* (time limit exceeded);
-- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01; for an instance
-  that is not solved to E, t is the time limit;
-- the performance profile (Dolan and Moré 2002): the fraction of instances on which a solver takes at most x times as
-  long as the fastest solver.
+- the number of instances that a solver solves to E; only instances count whose optimum is certified to E/10;
+- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01;
+- the performance profile (Dolan and Moré 2002).
 
-For E, only instances count whose optimum is certified to E/10. If no optimum exists, only the status is judged.
-
-A solver that cvxpy calls receives the scaled program, as in a run. Its settings are the defaults of its library, except
-for tolerances and limits on iterations. Any other solver receives the duality gap 1/2 (tolerance |d*|_K)^2 as its
-target. Each step of a sequence starts from the answer to the previous step if the solver can use it. The error of a
-sequence is the largest error of its steps, in units of the largest |d*|_K; its time is the sum over steps. Seconds are
-processor time. A call is repeated up to five times, until a tenth of a second has passed; the shortest call counts.
-Each call of a library includes its set-up. Other solvers may keep data between calls: `newton` keeps a Delassus matrix.
+A solver that cvxpy calls receives the scaled program, with the default settings of its library. The target of any
+other solver is the duality gap 1/2 (tolerance |d*|_K)^2. Seconds are processor time, the shortest of up to five calls.
 """
 
 from __future__ import annotations
@@ -48,7 +38,6 @@ from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.collection.writing import INFEASIBLE, MANIFEST, UNBOUNDED
 from vemcvx.cli.doctor import version_of
-from vemcvx.cli.options import solver_names
 from vemcvx.cli.solver_names import make_solver
 from vemcvx.cli.terminal import FRACTIONS, fraction, parse_list, progress_bar, say
 from vemcvx.cost.workers import use_one_thread
@@ -90,7 +79,7 @@ PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Solver in cvxpy -> its
 REPEATS, LONG_ENOUGH = 5, 0.1  # Largest number of calls in a trial, and seconds after which no further call begins.
 BATCH = 10  # Number of instances for which one process runs a solver.
 MEAN_SHIFT = 0.01  # Shift of the geometric mean, in seconds.
-TABLE, WORDS, PROFILES = "trials.csv", "benchmark.md", "profiles.png"
+TABLE, WORDS, PROFILES = "trials.csv", "benchmark.txt", "profiles.png"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +91,6 @@ class Benchmark:
         str | None,
         typer.Option(
             metavar="A,B,...",
-            autocompletion=solver_names,
             help="Names of solvers, or FILE.py:CLASS for your own. (default: none; only show stored results)",
         ),
     ] = None
@@ -138,8 +126,8 @@ class Benchmark:
             heads = ("solver", *(field.name for field in fields(Trial)))
             tried = [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
             files.write(TABLE, Table(heads, tried).csv())
-            text, markdown = in_words(entries, instances, self.time_limit)
-            files.write(WORDS, markdown)
+            text = in_words(entries, instances, self.time_limit)
+            files.write(WORDS, f"{text}\n")
             try:
                 files.write(PROFILES, as_png(profiles(entries, instances), 150))
             except VemcvxError as error:
@@ -271,10 +259,7 @@ def _note(path: Path, trial: Trial) -> None:
 
 
 def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
-    """Try a solver on instances in this process; send each trial through the pipe at its beginning and at its end.
-
-    A message is a pair: a trial, and a number of seconds within which the next message must arrive (None: no limit).
-    """
+    """Try a solver on instances in this process; send each trial, and the seconds until the next message is due."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
     use_one_thread()
     for trial, ladder in work:
@@ -390,11 +375,7 @@ def _unit(programs: Sequence[StepProgram]) -> float:
 def measure(
     calls: Sequence[Call], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
-    """Return the fields of a trial: the seconds and iterations of all steps together, and the largest errors of a step.
-
-    If no optimum exists, the argument `status` is the right status. A wrong status of an answer is an infinite error.
-    Raise SolverFailed if the answer is missing or not finite.
-    """
+    """Return the fields of a trial: seconds and iterations of all steps together, and the largest errors of a step."""
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
     with name_failures("of this trial"), quietly():  # The status of a library replaces its warnings.
@@ -408,6 +389,7 @@ def measure(
             taken += seconds
             iterations += 0 if answer is None else answer.iterations
             stated = reported.lower().removesuffix("_inaccurate")
+            # A program without optimum is judged by its status; a wrong status is an infinite error.
             if status or stated in (INFEASIBLE, UNBOUNDED):
                 errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
             elif answer is None or not np.isfinite(answer.d).all():
@@ -447,10 +429,7 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept a valid instance of a kind, and the valid instances that all these solvers accept.
-
-    An instance is valid if its optimum is certified to a tenth of the error.
-    """
+    """Return the solvers that accept a valid instance, and the valid instances that all these solvers accept."""
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}
     return some, [name for name in names if some and all(is_accepted(own, name) for own in some.values())]
@@ -464,23 +443,20 @@ def geometric_mean(seconds: Sequence[float], limit: float) -> float:
     return float(np.exp(np.log(capped + MEAN_SHIFT).mean()) - MEAN_SHIFT)
 
 
-def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> tuple[str, str]:
-    """Return the tables as text for a terminal and as Markdown."""
-    text, markdown = "", "# Solvers at equal true accuracy\n\n"
+def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> str:
+    """Return the tables as text."""
+    text = ""
     for kind, title in KINDS.items():
         if select_common(entries, instances, kind, max(ERRORS))[0]:
-            heading = f"{title}: {sum(kind_of(one) == kind for one in instances)} instances"
-            table = score_table(entries, instances, kind, limit)
-            text += f"{heading}\n{table.text()}\n\n"
-            markdown += f"## {heading}\n\n{table.markdown()}\n"
-    remark = (
+            count = sum(kind_of(one) == kind for one in instances)
+            text += f"{title}: {count} instances\n{score_table(entries, instances, kind, limit).text()}\n\n"
+    return text + (
         'Columns "to": instances solved to this error / instances that the solver accepts and whose optimum is '
         'certified to a tenth of this error. Columns "s to": processor time with the cheapest tolerance, as a shifted '
         "geometric mean over the instances that all solvers of the table accept; an unsolved instance counts as "
         f'{limit:g} s. Column "sure": instances with a certified error, rounding included, of at most {ERRORS[1]:g}. '
         'Columns "miss", "fail", "late": instances not solved to it. Without optimum, only the status is judged.'
     )
-    return f"{text}{remark}", f"{markdown}{remark}\n"
 
 
 def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:

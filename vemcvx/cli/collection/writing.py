@@ -1,4 +1,4 @@
-"""A collection of programs with certified optima, for authors of solvers: each program is a step of a run.
+"""A collection of programs with certified optima: each program is a step of a run.
 
 A grade names the difficulty of its instances. *easy* and *sizes*: the paper's scene and closed forms. *bounds*:
 one-sided contact. *pressure*: friction bounds by Coulomb's law at the pressures of the solution. *discs*: friction in
@@ -12,7 +12,6 @@ a warm start for the next step.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -25,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.base.arrays import EPS, ROUNDING, SAME, Floats, choice
+from vemcvx.base.arrays import ROUNDING, SAME, Floats, choice
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
@@ -220,10 +219,7 @@ def write_collection(
     instances: Sequence[CollectionInstance] = (*INSTANCES, *SEQUENCES),
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
-    """Make every instance, write its files, a manifest and the script, and return a summary in words.
-
-    `beside` is a further format of the files. `progress` is called with (name, done, total).
-    """
+    """Make every instance, write its files, a manifest and the script, and return a summary in words."""
     forms = dict.fromkeys([choice(beside or "npz", "--format", "format", list(FORMATS), ProblemError), "npz"])
     rows, sums = list[dict[str, Any]](), dict[str, str]()
     with Owned(folder) as files:
@@ -249,12 +245,11 @@ def write_collection(
         write(MANIFEST, in_json({"collection": VERSION, "vemcvx": __version__, "instances": rows}))
         write(OPTIMA, optima(rows).csv().encode())
         files.write(SUMS, "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items())))
-    sizes, others = [row["unknowns"] for row in rows], departures(rows)
-    as_published = "" if others else f"; {OPTIMA} agrees with the published {OPTIMA} of version {VERSION}"
+    sizes = [row["unknowns"] for row in rows]
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
         f"{MANIFEST} has sizes, nonzeros and certified optima; python {SCRIPT} confirms these; README.md describes "
-        f"the files{as_published}" + "".join(f"\nOTHER THAN VERSION {VERSION}: {words}" for words in others)
+        "the files"
     )
 
 
@@ -271,39 +266,13 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
     return Table(("name", "grade", *SIZES, "status", "low", "high"), cells)
 
 
-def departures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each difference of the instances from OPTIMA, the published table of this version.
-
-    Instances agree if their sizes are equal and the bounds of their minima overlap, up to the relative tolerance SAME:
-    rounding errors of condensed matrices and of states before a step depend on the machine. If Poisson's ratio nu is
-    near 1/2, these errors are larger by a factor 1 / (1 - 2 nu) = 5e6, and the tolerance is 40 * EPS * 5e6.
-    """
-    with Path(__file__).with_name(OPTIMA).open(encoding="utf-8", newline="") as file:
-        published = {row["name"]: row for row in csv.DictReader(file)}
-    found = []
-    for row in csv.DictReader(optima(rows).csv().splitlines()):
-        known = published.get(row["name"])
-        if known is None:
-            found.append(f"{row['name']} is not in the published {OPTIMA}")
-            continue
-        keys = [key for key in ("grade", *SIZES, "status") if row[key] != known[key]]
-        if not keys and row["low"]:
-            low, high = (pick(float(row[key]), float(known[key])) for pick, key in ((max, "low"), (min, "high")))
-            tolerance = 40 * EPS * 5e6 if row["grade"] == "incompressible" else SAME
-            keys = ["low"] if low - high > tolerance * abs(high) else []
-        found += [f"{row['name']} has {key} {row[key]}, not {known[key]}" for key in keys]
-    return found
-
-
 def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
-    """Return suffix -> contents for the files of one program or of a sequence.
-
-    In the JSON of a sequence, the value and its bounds are sums over all steps; errors are the largest of all steps.
-    """
+    """Return suffix -> contents for the files of one program or of a sequence."""
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
         files = {end: data for form in forms for end, data in encode_program(program, form).items()}
         return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
+    # In the JSON of a sequence, values are sums over all steps, and errors are the largest of all steps.
     each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}

@@ -199,27 +199,25 @@ class History(Results, Outlined):
         """
         return mean(self, field, on)
 
-    def table(self, name: str, points: ArrayLike | None = None) -> Columns:
+    def table(self, name: str) -> Columns:
         """Return columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.
 
         Parameters
         ----------
-        name : {"steps", "contact", "probes"}
+        name : {"steps", "contact"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
             :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of contact and
-            the arc length "s" on this piece (:mod:`vemcvx.results.arc`). "probes": displacements of points at stored
-            steps. Components of vectors are separate columns, such as "slip_x".
-        points : (p, dim) points of the body
-            The points of the table "probes".
+            the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are separate columns,
+            such as "slip_x".
 
         Raises
         ------
-        HistoryError, SceneError
-            There is no such table, or a point lies outside the body.
+        HistoryError
+            There is no such table.
         """
-        return table(self, name, points)
+        return table(self, name)
 
-    def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
+    def to_pandas(self, name: str = "steps") -> DataFrame:
         """Return the table that :meth:`table` returns, as a DataFrame of pandas.
 
         Raises
@@ -227,7 +225,7 @@ class History(Results, Outlined):
         VemcvxError
             pandas is not installed, or :meth:`table` raises this error.
         """
-        return frame(table(self, name, points))
+        return frame(table(self, name))
 
     def to_xarray(self) -> Dataset:
         """Return all arrays as one dataset of xarray, by their names in ``history.npz``.
@@ -261,18 +259,6 @@ class History(Results, Outlined):
         """
         return next(programs_of_steps(self, [n], condense))
 
-    def animate(self, path: str | Path, **options: Any) -> Path:
-        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate` for the options.
-
-        Raises
-        ------
-        HistoryError, VemcvxError
-            The suffix or an option is invalid, the file cannot be written, or the writer of films is not installed.
-        """
-        from vemcvx.plots import animate
-
-        return animate(self, path, **options)
-
     def outline(self) -> Outline:
         """Return the summary for prompts and notebooks."""
         return in_words(self)
@@ -282,15 +268,15 @@ class History(Results, Outlined):
         outline = self.outline()
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
-    def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
-        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`.
+    def write(self, folder: str | Path) -> Path:
+        """Write the history to a folder: see :mod:`vemcvx.results.files`.
 
         Raises
         ------
-        HistoryError, SceneError
-            The folder cannot be written to, foreign files have these names, or a probe is outside the body.
+        HistoryError
+            The folder cannot be written to, or foreign files have these names.
         """
-        return write_results(self, folder, probes=probes)
+        return write_results(self, folder)
 
 
 def scene_of(history: object, subject: str) -> Scene:

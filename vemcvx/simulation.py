@@ -16,7 +16,7 @@ from vemcvx.base.arrays import SAME, Floats, as_shaped_array, brief, finite, fla
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import coordinates
 from vemcvx.effects import Pretension, data
-from vemcvx.history import History, read_history
+from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
@@ -50,7 +50,7 @@ def simulate(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | Path | Projected | History | None = None,
+    initial: ArrayLike | str | Projected | History | None = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
@@ -70,10 +70,10 @@ def simulate(
         times[0] is the initial instant; a step ends at each later instant.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs with neither friction nor one-sided contact, else Newton.
-    initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0), History or path
+    initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
         The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
         "settled" is the result of one step from zero; :func:`vemcvx.projected` gives the projection P^h u_0. From a
-        history, or its folder, the run continues on the same mesh, with the slip, wear, work and dissipation so far.
+        history, the run continues on the same mesh, with the slip, wear, work and dissipation so far.
     store : "all", "last", int n or sequence of int
         Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or the given steps and
         the last. Other steps are certified on the unknowns of contact and friction.
@@ -241,7 +241,7 @@ def programs(
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
-    initial: ArrayLike | str | Path | Projected | History | None = None,
+    initial: ArrayLike | str | Projected | History | None = None,
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
@@ -357,18 +357,14 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
 
 def begins(initial: object) -> str:
     """Return the attribute `begins` of :class:`vemcvx.History` for an initial state."""
-    if isinstance(initial, (Path, Results)) or (isinstance(initial, str) and Path(initial).is_dir()):
+    if isinstance(initial, Results):
         return "continued"
     word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
     return "projected" if isinstance(initial, Projected) else word
 
 
-def free_unknowns(
-    initial: ArrayLike | str | Path | Projected | Results | None, posed: PosedScene, times: Floats
-) -> Beginning:
+def free_unknowns(initial: ArrayLike | str | Projected | Results | None, posed: PosedScene, times: Floats) -> Beginning:
     """Return the initial state of a march at times[0]: free unknowns, or `initial` itself if it is a word."""
-    if isinstance(initial, Path) or (isinstance(initial, str) and Path(initial).is_dir()):
-        initial = read_history(initial)
     if isinstance(initial, Results):
         return _continue(initial, posed, times)
     if isinstance(initial, str):

@@ -13,6 +13,7 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.base.canvas import new_figure
+from vemcvx.plots import animate
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def history():
 
 @pytest.mark.long
 def test_a_gif_has_a_frame_for_each_stored_step(history, tmp_path):
-    path = history.animate(tmp_path / "slip.gif", seconds=1.0, units={"length": "mm"})
+    path = animate(history, tmp_path / "slip.gif", seconds=1.0, units={"length": "mm"})
     with Image.open(path) as film:
         assert film.n_frames == 5
         assert film.info["duration"] == 200
@@ -41,12 +42,12 @@ def test_films_that_cannot_be_written_are_refused_and_keep_older_files(history, 
         ("none/slip.gif", {}, "cannot write a film"),
     ):
         with pytest.raises(vx.HistoryError, match=says):
-            history.animate(tmp_path / name, **options)
+            animate(history, tmp_path / name, **options)
     assert (tmp_path / "film.gif").read_bytes() == b"earlier"
     monkeypatch.setattr(type(writers), "is_available", lambda self, kind: False)
     for suffix, missing in ((".mp4", "ffmpeg"), (".gif", "pillow")):
         with pytest.raises(vx.VemcvxError, match=f"a film of this kind needs {missing}"):
-            history.animate(tmp_path / f"slip{suffix}")
+            animate(history, tmp_path / f"slip{suffix}")
 
 
 def test_a_figure_is_a_picture_in_notebooks():

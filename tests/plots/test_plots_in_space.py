@@ -11,7 +11,7 @@ from pages import assert_drawn_within_the_page
 import block_in_space as block
 import vemcvx as vx
 from vemcvx.base.canvas import new_figure
-from vemcvx.plots import contact_face, deformed_body, write_plots
+from vemcvx.plots import animate, contact_face, deformed_body, write_plots
 from vemcvx.plots.faces import contact_faces
 from vemcvx.plots.pictures import draw_pictures, omissions
 from vemcvx.plots.style import SLIP_AREA, STICK_AREA
@@ -149,5 +149,5 @@ def test_the_body_is_drawn_without_a_display(history, tmp_path, capfd):
     assert first.shape == last.shape
     assert (np.asarray(last) < 250).any(axis=2).mean() > 0.4
     assert (first != last).any(axis=2).mean() > 0.1
-    assert history.animate(tmp_path / "body.gif", seconds=1.0).read_bytes().startswith(b"GIF8")
+    assert animate(history, tmp_path / "body.gif", seconds=1.0).read_bytes().startswith(b"GIF8")
     assert capfd.readouterr() == ("", "")

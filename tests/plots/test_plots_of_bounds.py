@@ -1,4 +1,4 @@
-"""Pictures show guaranteed bounds as bars and maps; without bounds, there is neither."""
+"""Pictures show guaranteed bounds as bars."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from scenes import cyclic, paper_scene
 
 import vemcvx as vx
-from vemcvx.plots import energy_ledger, error_map, hysteresis_loop
-from vemcvx.plots.pictures import draw_pictures
+from vemcvx.plots import energy_ledger, hysteresis_loop
 
 pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -30,30 +29,17 @@ def find_bars(ax):
 
 
 @pytest.mark.long
-def test_bounds_of_the_energy_are_bars_in_the_ledger(bounded):
+def test_bounds_of_the_energy_are_bars_in_the_ledger_and_in_files(bounded, tmp_path):
     ends, times = find_bars(energy_ledger(bounded).axes[0])
     assert np.array_equal(times, bounded.times)
     assert np.allclose(ends[1:], [vx.error_bound(bounded, step=n).energy for n in range(1, 5)])
-
-
-@pytest.mark.long
-def test_the_map_shows_the_cells_with_the_largest_error(bounded, tmp_path):
-    figure = error_map(bounded)
-    shown = 10.0 ** figure.axes[0].collections[0].get_array()
-    worst = vx.error_bound(bounded, step=int(bounded.bound["step"]))
-    density = np.sqrt(worst.cells / bounded.mesh.areas)
-    assert np.allclose(shown, np.maximum(density / density.max(), 1e-3))
-    assert f"{bounded.bound['relative']:.2%}" in figure.axes[0].get_title()
     read = vx.read_history(bounded.write(tmp_path / "run"))
     assert np.array_equal(read.energy_bounds, bounded.energy_bounds)
     assert np.array_equal(read.cell_bounds, bounded.cell_bounds)
-    assert "error_map" in draw_pictures(read, None)
 
 
-def test_histories_without_bounds_have_no_bars_and_no_map():
+def test_histories_without_bounds_have_no_bars():
     free = vx.simulate(paper_scene(cyclic), vx.meshes.squares(4), [0.0, 1.0])
-    with pytest.raises(vx.HistoryError, match="bound=True"):
-        error_map(free)
     assert not energy_ledger(free).axes[0].containers
 
 

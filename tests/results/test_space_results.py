@@ -89,4 +89,3 @@ def test_probes_and_lines_have_the_exact_displacement(history):
     assert np.abs(values - circles.exact(line, history.times)).max() < accuracy
     stress = history.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5], count=3, field="stress").values
     assert stress.shape == (len(history.stored), 3, 6)
-    assert list(history.table("probes", x))[3:] == ["x", "y", "z", "displacement_x", "displacement_y", "displacement_z"]

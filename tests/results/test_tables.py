@@ -14,8 +14,7 @@ from scenes import cyclic, paper_scene, small
 import vemcvx as vx
 
 TIMES = np.linspace(0.0, 1.0, 7)
-POINTS = np.array([[0.0, 0.0], [0.31, 0.42]])
-TABLES = ("steps", None), ("contact", None), ("probes", POINTS)
+TABLES = "steps", "contact"
 
 
 @pytest.fixture(scope="module")
@@ -90,20 +89,11 @@ def test_the_arc_length_of_a_closed_curve_is_one_piece():
     assert not found["piece"].any()
 
 
-def test_the_table_of_probes_has_a_row_for_each_point_at_each_stored_step(history):
-    found = history.table("probes", POINTS)
-    u = np.column_stack([found["displacement_x"], found["displacement_y"]]).reshape(3, 2, 2)
-    assert np.array_equal(u, history.probe(POINTS))
-    assert found["point"].tolist() == 3 * [0, 1]
-    assert np.array_equal(np.column_stack([found["x"], found["y"]]), np.tile(POINTS, (3, 1)))
-    assert found["step"].tolist() == [0, 0, 4, 4, 6, 6]
-
-
 def test_csv_files_have_every_digit(history, tmp_path):
-    history.write(tmp_path, probes=POINTS)
-    assert json.loads((tmp_path / "summary.json").read_text())["tables"] == ["steps.csv", "contact.csv", "probes.csv"]
-    for name, points in TABLES:
-        told, expected = read(tmp_path / f"{name}.csv"), history.table(name, points)
+    history.write(tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text())["tables"] == ["steps.csv", "contact.csv"]
+    for name in TABLES:
+        told, expected = read(tmp_path / f"{name}.csv"), history.table(name)
         assert list(told) == list(expected)
         for column, values in expected.items():
             assert np.array_equal(told[column], values, equal_nan=True), column
@@ -112,25 +102,16 @@ def test_csv_files_have_every_digit(history, tmp_path):
 @pytest.mark.long
 def test_tables_of_an_older_history_are_deleted(history, tmp_path):
     loose = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="left"), vx.BodyForce((0.0, -1.0)))
-    history.write(tmp_path, probes=POINTS)
+    history.write(tmp_path)
     vx.simulate(loose, vx.meshes.squares(2), [0.0, 1.0], initial="settled").write(tmp_path)
     assert [path.name for path in tmp_path.glob("*.csv")] == ["steps.csv"]
-
-
-def test_a_probe_outside_the_body_leaves_the_older_history(history, tmp_path):
-    history.write(tmp_path)
-    before = sorted(path.name for path in tmp_path.iterdir())
-    with pytest.raises(vx.SceneError, match="lies outside the body"):
-        history.write(tmp_path, probes=[[7.0, 7.0]])
-    assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
 @pytest.mark.long
 def test_frames_of_pandas_equal_the_tables(history):
     pandas = pytest.importorskip("pandas")
-    for name, points in TABLES:
-        expected = history.table(name, points)
-        pandas.testing.assert_frame_equal(history.to_pandas(name, points), pandas.DataFrame(expected))
+    for name in TABLES:
+        pandas.testing.assert_frame_equal(history.to_pandas(name), pandas.DataFrame(history.table(name)))
 
 
 @pytest.mark.long

@@ -152,7 +152,7 @@ def pictures(history: vx.History, folder: Path) -> None:
     figure = plots.deformed_mesh(history, magnify=10.0, units={"length": "mm"})
     ax = figure.axes[0]
     plots.friction_traction(history, ax=ax)
-    print(plots.write_plots(history, folder), history.animate(folder / "slip.gif", seconds=1.0))
+    print(plots.write_plots(history, folder), plots.animate(history, folder / "slip.gif", seconds=1.0))
 
 
 def main(folder: Path) -> None:

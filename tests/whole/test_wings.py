@@ -73,8 +73,8 @@ def test_wings_import_public_names_of_the_core():
     assert found <= excepted, sorted(found - excepted)
 
 
-def test_the_core_imports_wings_in_two_functions_only():
-    """`simulate(bound=True)` and `History.animate` import wings when called; `python -m vemcvx` is the command line."""
+def test_the_core_imports_a_wing_in_one_function_only():
+    """`simulate(bound=True)` imports a wing when it is called; `python -m vemcvx` is the command line."""
     doors = {
         (name, node.module)
         for name, path in modules().items()
@@ -83,7 +83,6 @@ def test_the_core_imports_wings_in_two_functions_only():
     }
     assert doors == {
         ("vemcvx.__main__", "vemcvx.cli"),
-        ("vemcvx.history", "vemcvx.plots"),
         ("vemcvx.simulation", "vemcvx.bound.error_bound"),
     }
 

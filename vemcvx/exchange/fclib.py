@@ -3,18 +3,15 @@
 FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
 displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential components (T):
 
-    local   u = W r + q                         for a condensed program
-    global  M v = H r + f,   u = H'v + w        for a program on all unknowns, without W (7 GB for 10,000 contacts)
-
+    u = W r + q
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
 A contact has a limit j and a norm term i. Its rows of h are h_N = -D_j and h_T = B_i. From K d = g - B'lam - D'p follow
 
-    r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + w,
-    v = d,  M = K,  f = g,  H = h',  w = (e; -b).
+    r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
-Matrices are stored by rows (nz = -2). Each step has its own file with a solution. The description in `info` states, as
-JSON, the certified error: |v - v*|_M <= energy_error, where v* solves the convex program with the weights mu r_N. Files
+W is stored by rows (nz = -2). Each step has its own file with a solution. The description in `info` states, as JSON,
+the certified error: |d - d*|_K <= energy_error, where d* solves the convex program with the weights mu r_N. Files
 state Coulomb's law without weights, so they cannot be read back. Writing needs h5py (extra ``fclib``).
 """
 
@@ -33,7 +30,7 @@ from vemcvx.base.arrays import EPS, Floats, Ints
 from vemcvx.base.errors import ProgramError
 from vemcvx.program import SolvedProgram, StepProgram
 
-MODEL = "; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T / |u_T| where u_T != 0"
+MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -mu r_N u_T / |u_T| where u_T != 0"
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
@@ -48,31 +45,23 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
     order = np.column_stack([np.arange(m), m + np.arange(m * (dim - 1)).reshape(m, dim - 1)]).ravel()
     rows = sp.csr_matrix(sp.vstack([-operators.D, operators.B[slips]]))[order]
     w = np.concatenate([program.e, -program.b[slips]])[order]
-    answer = program.answer
-    solution = {"r": (r := np.concatenate([answer.p, -answer.lam[pairs].ravel()])[order])}
-    if isinstance(operators.K, np.ndarray):
-        spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
-        W, q = rows @ spread, rows @ operators.factor.solve(program.g) + w
-        name, posed, solution["u"] = "fclib_local", "u = W r + q", W @ r + q
-        matrices, vectors = {"W": sp.csr_matrix(0.5 * (W + W.T))}, {"q": q, "mu": mu}
-    else:
-        name, posed = "fclib_global", "M v = H r + f, u = H'v + w"
-        solution |= {"v": answer.d, "u": rows @ answer.d + w}
-        matrices, vectors = {"M": operators.K, "H": sp.csr_matrix(rows.T)}, {"f": program.g, "w": w, "mu": mu}
+    r = np.concatenate([program.answer.p, -program.answer.lam[pairs].ravel()])[order]
+    spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
+    W, q = rows @ spread, rows @ operators.factor.solve(program.g) + w
+    stored = sp.csr_matrix(0.5 * (W + W.T))
     made = io.BytesIO()
     with import_module("h5py").File(made, "w") as file:
-        problem = file.create_group(name)
+        problem = file.create_group("fclib_local")
         problem["spacedim"] = np.array([dim], dtype=np.int32)
-        for letter, A in matrices.items():
-            sizes = {"nzmax": A.nnz, "m": A.shape[0], "n": A.shape[1], "nz": -2}
-            whole = {name: np.array([size], dtype=np.int32) for name, size in sizes.items()}
-            entries = {"p": A.indptr.astype(np.int32), "i": A.indices.astype(np.int32), "x": A.data}
-            problem.create_group(letter).update(whole | entries)
-        problem.create_group("vectors").update(vectors)
-        words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": posed + MODEL}
+        sizes = {"nzmax": stored.nnz, "m": stored.shape[0], "n": stored.shape[1], "nz": -2}
+        whole = {name: np.array([size], dtype=np.int32) for name, size in sizes.items()}
+        entries = {"p": stored.indptr.astype(np.int32), "i": stored.indices.astype(np.int32), "x": stored.data}
+        problem.create_group("W").update(whole | entries)
+        problem.create_group("vectors").update({"q": q, "mu": mu})
+        words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": MODEL}
         about = {**program.origin, "energy_error": program.certificate.error, "energy_norm": program.norm}
         problem.create_group("info").update({**words, "description": json.dumps(about, default=str)})
-        file.create_group("solution").update(solution)
+        file.create_group("solution").update({"r": r, "u": W @ r + q})
     return {".hdf5": made.getvalue()}
 
 

@@ -7,7 +7,7 @@ Suffix   Format                                                        Programs 
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            all, exactly
 .cbf     Conic Benchmark Format, the energy as one more cone           all but some with sparse K; K = F'F is rounded
 .mps     MPS with a quadratic objective; .qps is the same file         all without second-order cones
-.hdf5    FCLIB's local problem, or global problem (all unknowns)       steps with Coulomb's law; cannot be read back
+.hdf5    FCLIB's local problem                                         steps with Coulomb's law; cannot be read back
 =======  ============================================================  ==============================================
 
 A JSON file of the same name states the origin of the program, its size, and its certified optimum.

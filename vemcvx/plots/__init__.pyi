@@ -9,7 +9,6 @@ from .contact import stick_slip_map as stick_slip_map
 from .faces import contact_face as contact_face
 from .pictures import animate as animate
 from .pictures import energy_ledger as energy_ledger
-from .pictures import error_map as error_map
 from .pictures import forces_over_time as forces_over_time
 from .pictures import hysteresis_loop as hysteresis_loop
 from .pictures import write_plots as write_plots

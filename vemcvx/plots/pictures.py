@@ -19,7 +19,7 @@ from vemcvx.base import canvas
 from vemcvx.base.arrays import Floats, brief, choice
 from vemcvx.base.errors import HistoryError
 from vemcvx.base.owned_files import path_of
-from vemcvx.meshes import PolyhedralMesh, plane_mesh
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.plots import contact, faces, style
 from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
 from vemcvx.plots.contact import along_contact, pressures, slips
@@ -93,50 +93,6 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
     ax.errorbar(x[known], 0.5 * (low + high), yerr=0.5 * (high - low), label="exact, by theorem", **bars)
-
-
-def error_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw the contribution of each cell to the guaranteed bound on the error of the mesh.
-
-    Parameters
-    ----------
-    history, ax, units : as for `friction_traction`
-
-    Returns
-    -------
-    matplotlib Figure
-        The colour shows sqrt(b / area), where b is the contribution of the cell to the square of the bound. The title
-        gives the relative bound of the step.
-
-    Raises
-    ------
-    HistoryError
-        The history has no bound: its body is in space, or it was made by ``simulate(..., bound=False)``.
-
-    Examples
-    --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled", bound=True)
-    >>> figure = vx.plots.error_map(history)
-    """
-    units = units_of(history, units)
-    if history.cell_bounds is None or history.bound is None:
-        raise HistoryError("error_map: this history has no guaranteed bound; simulate the scene with bound=True.")
-    mesh = plane_mesh(history.mesh, "error_map")
-    density = np.sqrt(history.cell_bounds / mesh.areas)
-    top = float(density.max()) or 1.0
-    ax = canvas.axes_or_new(ax, *size_of_page(history))
-    mesh.plot(ax=ax, linewidth=float(np.clip(9.0 / np.sqrt(mesh.n_cells), 0.0, 0.5)), edgecolor="0.35")
-    cells = ax.collections[0]
-    # The scale has three decades: cells below a thousandth of the largest value do not matter.
-    cells.set_array(np.log10(np.maximum(density / top, 1e-3)))
-    cells.set(cmap="magma_r", clim=(-3.0, 0.0))
-    bar = canvas.bar_beside(ax, cells)
-    bar.set_ticks([-3.0, -2.0, -1.0, 0.0], labels=["≤ .001", ".01", ".1", "1"])
-    bar.set_label("error bound of a cell per root of area, over the largest", fontsize="small")
-    title = f"error of the mesh at most {history.bound['relative']:.2%}, in step {history.bound['step']:.0f}"
-    x, y = (label(name, "length", units) for name in ("$x_1$", "$x_2$"))
-    return label_axes(ax, x, y, title, size="small", aspect=1.0)
 
 
 def _certificates(ax: Axes, history: Results) -> None:
@@ -272,7 +228,6 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "wear": (partial(along_contact, show="wear"), lambda h: _is_plane(h) and _has_steps(h) and h.contact.wear.any()),
     "deformed_body": (deformed_body, lambda h: not _is_plane(h) and has_pyvista()),
     "contact_face": (faces.contact_face, _has_faces),
-    "error_map": (error_map, lambda h: _is_plane(h) and h.cell_bounds is not None),
     "hysteresis_loop": (hysteresis_loop, lambda h: _has_steps(h) and loop_of(h) is not None),
     "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _has_steps),

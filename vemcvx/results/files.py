@@ -6,7 +6,6 @@
 - ``steps.csv``: energies and certificates of every step, stored or not
 - ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; for plane bodies also the
   number of the connected piece of contact, and the arc length s along this piece (:mod:`vemcvx.results.arc`)
-- ``probes.csv``: displacements at points, if points were given
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
 At nodes, a VTU file has the displacement and all contact arrays that change in time. At contact nodes, `sticking` and
@@ -39,7 +38,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vemcvx.base.archives import Arrays, read_arrays, record_of
 from vemcvx.base.arrays import Floats, array_fields
@@ -254,13 +252,11 @@ def write_results(
     history: Results,
     folder: str | Path,
     origin: Origin | None = None,
-    probes: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write a history to a folder, in place of any older history, and return the folder, which is created if needed.
 
-    `origin` gives problem and mesh for the summary. Displacements at `probes`, points (p, dim) of the body, are also
-    written. `progress(written, stored)` is called after every step.
+    `origin` gives problem and mesh for the summary. `progress(written, stored)` is called after every step.
     """
     if not np.isfinite(history.displacement).all():
         raise HistoryError(
@@ -275,7 +271,7 @@ def write_results(
             with np.errstate(over="ignore", invalid="ignore"):
                 _write_series(history, made, progress or (lambda *_: None))
             write_archive(history, made / ARCHIVE)
-            tables = write_tables(history, made, probes)
+            tables = write_tables(history, made)
             contents = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
             (made / SUMMARY).write_text(json.dumps(contents, indent=2, allow_nan=False) + "\n", encoding="utf-8")
             _move(made, folder)

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole, sum_columns
+from vemcvx.base.arrays import SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole
 from vemcvx.base.errors import WARNING_FRACTION, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes import Mesh, PolyhedralMesh
@@ -25,7 +25,6 @@ from vemcvx.results.corners import Corners, Sides, find_sides
 from vemcvx.results.forces import ActingForces, BoundaryForces, boundary_forces
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
-from vemcvx.scene.rows import ContactRows, distinct_pairs
 from vemcvx.stepping import Storage, Trajectory, programs_of_trajectory
 from vemcvx.vem import Space, Stabilisation, strains
 from vemcvx.vem.elasticity import rigid_modes
@@ -408,7 +407,6 @@ def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayFiel
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
     """Return the results of a posed scene from its march; `assembled` is the time of assembly in seconds."""
-    _warn_of_friction_where_open(posed, trajectory)
     times, material, prestress = trajectory.times[trajectory.stored].tolist(), posed.material, posed.prestress
 
     def in_time(name: str, shape: tuple[int, ...], value: Callable[[float], Floats | None]) -> Floats:
@@ -431,6 +429,8 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         if prestress.eigenstrains and across is not None and across.any():
             size = (posed.space.mesh.n_cells,)
             blocked_across = in_time("out_of_plane_prestress", size, prestress.out_of_plane)
+    contact = contact_history(posed, trajectory, u, forces)
+    _warn_of_friction_where_open(posed, contact)
     untouched: tuple[str, ...] = ()
     if trajectory.pressures.shape[1] > 0 and not trajectory.pressures.any():
         untouched = (f"{', '.join(posed.obstacles.subjects)}: nothing pressed on it at the stored instants",)
@@ -440,7 +440,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         effects=tuple(effect.describe_body(posed.space.in_plane) for effect in posed.scene.canonical),
         displacement=u,
         forces=forces,
-        contact=contact_history(posed, trajectory, u, forces),
+        contact=contact,
         acting=boundary_forces(posed, trajectory, u, forces),
         moduli=material.moduli,
         stabilisation=material.choose_stabilisation(posed.space.dim),
@@ -501,22 +501,14 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
         )
 
 
-def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> None:
+def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
     """Warn of friction work done where contact is open, unless the scene allows it."""
-    terms, obstacles = posed.terms, posed.obstacles
-    unsettled = [friction for friction in terms.frictions if friction.in_the_air]
-    if not unsettled or len(obstacles.nodes) == 0:
+    unsettled = [friction for friction in posed.terms.frictions if friction.in_the_air]
+    if not unsettled or len(posed.obstacles.nodes) == 0:
         return
-    first, place = distinct_pairs(obstacles.nodes, obstacles.partners)
-    at = obstacles[first].find(terms)
-    # The last column belongs to terms without an obstacle.
-    pressed = sum_columns(trajectory.pressures, place, len(first) + 1)[:, at]
-    rubbed = np.diff(trajectory.worn, axis=0)
+    rubbed = np.diff(contact.wear, axis=0) * contact.friction_lengths
     # Contact must be open before and after a step: contact that closes or opens in a step may rub while it is closed.
-    # Solvers are inexact: fractions below 1e-6 of the largest pressure and of the friction work do not count.
-    closed = pressed > 1e-6 * pressed.max(initial=0.0)
-    gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
-    gone &= ContactRows.from_parts(unsettled, terms.normals.shape[1]).find(terms) >= 0
+    gone = ~(contact.closed[1:] | contact.closed[:-1])
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
         warnings.warn(

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vemcvx.base.arrays import Floats, Ints, array_fields, choice
 from vemcvx.base.errors import HistoryError, VemcvxError
 from vemcvx.base.table import Table
 from vemcvx.meshes import PolygonMesh
 from vemcvx.results.arc import contact_path
-from vemcvx.results.probe import places
 from vemcvx.results.results import Results, list_arrays
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 Columns = dict[str, NDArray[Any]]
-TABLES = "steps", "contact", "probes"
+TABLES = "steps", "contact"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
@@ -30,13 +29,9 @@ DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m"
 """Size of an array -> name of the dimension in datasets. Other names are unchanged; the number 2 becomes "of_2"."""
 
 
-def table(history: Results, name: object, points: ArrayLike | None = None) -> Columns:
+def table(history: Results, name: object) -> Columns:
     """Return a table of a history: see :meth:`vemcvx.History.table`."""
     choice(name, "table", "name", TABLES, HistoryError)
-    if (name == "probes") != (points is not None):
-        raise HistoryError("table: give points with 'probes', and only then: table('probes', [[0.5, 0.5]]).")
-    if points is not None:
-        return _probes(history, points)
     return _steps(history) if name == "steps" else _contact(history)
 
 
@@ -79,14 +74,6 @@ def _along(history: Results) -> Columns:
     return {"piece": pieces.astype(int), "s": s}
 
 
-def _probes(history: Results, points: ArrayLike) -> Columns:
-    at = places(history.mesh, points, "table")
-    x, values = np.asarray(points, dtype=float), at.at_nodes(history.displacement)
-    steps = len(values)
-    columns = _when(history, len(x)) | {"point": np.tile(np.arange(len(x)), steps)}
-    return columns | _by_axis("", np.tile(x, (steps, 1))) | _by_axis("displacement", values.reshape(-1, x.shape[1]))
-
-
 def _when(history: Results, count: int) -> Columns:
     return {"step": np.repeat(history.stored, count), "time": np.repeat(history.times, count)}
 
@@ -97,12 +84,11 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
-def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> list[str]:
+def write_tables(history: Results, folder: Path) -> list[str]:
     """Write the nonempty tables as CSV files, booleans as 1 and 0; return the names of the files."""
-    wanted = {"steps": True, "contact": len(history.contact.nodes) > 0, "probes": points is not None}
-    names = [name for name, has_rows in wanted.items() if has_rows]
+    names = TABLES if len(history.contact.nodes) else TABLES[:1]
     for name in names:
-        columns = table(history, name, points if name == "probes" else None)
+        columns = table(history, name)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
         text = Table(list(columns), list(zip(*plain, strict=True))).csv()
         (folder / FILES[name]).write_text(text, encoding="utf-8")

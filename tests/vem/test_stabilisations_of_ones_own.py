@@ -194,7 +194,7 @@ def test_wrong_forms_are_refused():
         (lambda S: S * [-10, 1, 1, 1], "found a cell with 4 vertices where some v - Pi v has the energy -"),
         (lambda S: 0 * S, "found a cell with 4 vertices where some v - Pi v has no energy"),
         (lambda S: np.nan * S, "found NaN or infinity in the form of a cell with 4 vertices"),
-        (lambda S: S[:, :2], r"found a form of shape \(1, 2, 4\) for 1 cells with 4 vertices"),
+        (lambda S: S[:, :2], r"found a form of shape \(4, 2, 4\) for 4 cells with 4 vertices"),
         (lambda S: "none", "form: found 'none'"),
         (lambda S: 1 / 0, "its form failed when called with cells of 4 vertices: ZeroDivisionError: division by zero"),
     ):

@@ -21,13 +21,24 @@ from vemcvx.base.arrays import SINGLE_EPS, Floats, Ints, totals
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_centroids, right_of
 from vemcvx.vem import Space
-from vemcvx.vem.elasticity import distinct
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
 """The corners (3, 3) of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
 FORCES = 6
 """Number of coefficients of a linear body force in a cell."""
+
+
+def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
+    """Return the positions of distinct cells, and the number (c,) of each cell among them, given arrays (c, ...).
+
+    If more than 32 of the first 64 cells are distinct, all cells count as distinct.
+    """
+    rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
+    if len(np.unique(rows[:64], axis=0)) > 32:
+        return slice(None), np.arange(len(rows))
+    _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return some, same.ravel()
 
 
 def monomials(x: Floats) -> Floats:

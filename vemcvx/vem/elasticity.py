@@ -8,40 +8,24 @@ $$ a_K^h(u, v) = 2 \mu (\varepsilon(\Pi u), \varepsilon(\Pi v))_K
 + \lambda (\Pi_0 \operatorname{div} u, \Pi_0 \operatorname{div} v)_K
 + \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v). $$
 
-The entry of its matrix for component a of vertex i and component b of vertex j is
-
-$$ (\lambda g_{ia} g_{jb} + \mu g_{ib} g_{ja} + \mu \delta_{ab} g_i \cdot g_j) / |K|
-+ \tau h_K^{\dim - 2} \delta_{ab} ((I - \Pi)' (I - \Pi))_{ij}. $$
-
+For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
 tau = 2 mu ("shear") has the units of the other terms and does not contain lambda, so nothing locks as lambda grows.
 tau = 1 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
 
-For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
-Displacements in the kernel of Pi (hourglass modes) have mostly deviatoric strains, so tau is a deviatoric modulus. In
-Kelvin's notation, the elastic matrix is C_k = D C D with D = diag(1, 1, sqrt 2). Rotations of the plane then act as
-rotations of R^3, which keep the volumetric direction (1, 1, 0). The vectors (1, -1, 0) / sqrt 2 and (0, 0, 1) span the
-deviatoric plane. Let p, q, r be the entries of C_k restricted to this plane. Then "shear" means
-
-$$ \tau = \text{smallest eigenvalue of } \begin{pmatrix} p & r \\ r & q \end{pmatrix}
-= \tfrac{p + q}2 - \sqrt{\big(\tfrac{p - q}2\big)^2 + r^2}. $$
-
-In space, D = diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2), and the deviatoric part has five dimensions. tau has the units of
-C, does not depend on the axes, and is 2 mu for an isotropic material. Nothing locks: a growing volumetric modulus
-does not change C_k on deviatoric strains, and fibres with a growing modulus add a matrix of rank one, which leaves the
-smallest eigenvalue bounded.
-
-:mod:`vemcvx.vem.tensors` defines moduli and components.
+For other materials, "shear" means the smallest eigenvalue of C on deviatoric strains, in Kelvin's notation C_k = D C D
+with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2). This tau does not depend on the axes, and
+is 2 mu for an isotropic material. Neither a growing volumetric modulus nor stiff fibres increase tau.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import Bools, Floats, Ints
+from vemcvx.base.arrays import Floats, Ints
 from vemcvx.vem.projection import CellGroup, RingGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import (
@@ -53,63 +37,6 @@ from vemcvx.vem.stabilisation import (
     stabilisation_of,
 )
 from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
-
-
-def sum_over_cells(
-    space: Space, local: Callable[..., Floats], filled: Bools, moduli: Sequence[Floats]
-) -> sp.csr_matrix:
-    """Return the sum (n_u, n_u) of the local matrices of cells; column indices are sorted, without duplicates.
-
-    `local` returns the local matrices (c, n, n, dim, dim) of c cells with n vertices, given the cells and their
-    `moduli`, arrays (n_cells, ...). Cells that are translates of each other and have equal moduli share one local
-    matrix. Only `filled` cells have a material; if there are none, all cells have local matrices.
-    """
-    dim, first, blocks, which, nodes = space.dim, 0, list[Floats](), list[Ints](), list[Ints]()
-    filled = filled if filled.any() else np.ones_like(filled)
-    for group in space.groups:
-        for chunk in group.part(np.flatnonzero(filled[group.cells])).chunks():
-            pairs = chunk.nodes.shape[1] ** 2
-            own = [each[chunk.cells] for each in moduli]
-            some, same = distinct([*chunk.shapes, *own])
-            blocks.append(local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
-            which.append(((first + pairs * same)[:, None] + np.arange(pairs)).ravel())
-            nodes.append(chunk.nodes)
-            first += len(blocks[-1])
-    return assemble(nodes, np.concatenate(blocks), np.concatenate(which), space.mesh.n_nodes)
-
-
-def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Find the distinct rows; row i contains the values of cell i in all `arrays` (c, ...).
-
-    Return the positions of distinct rows and each row's number (c,) among them. If more than 32 of
-    the first 64 rows are distinct, all rows count as distinct.
-    """
-    rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    if len(np.unique(rows[:64], axis=0)) > 32:
-        return slice(None), np.arange(len(rows))
-    _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return some, same.ravel()
-
-
-def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
-    """Assemble a matrix of blocks that couple the vertices of cells; column indices are sorted, without duplicates.
-
-    Each array (c, n) of `nodes` has the vertices of c cells. Pairs (i, j) of vertices run array by array and cell by
-    cell, with j fastest; `which` (pairs,) has the position in `blocks` (k, dim^2) of the block of each pair.
-    """
-    keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
-    order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
-    keys, which = keys[order], which[order]
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    rows, columns = np.divmod(keys[first], n_nodes)
-    del keys, order  # frees a quarter of the memory in use
-    places = which, np.append(first, len(which))
-    gather = sp.csr_matrix((np.ones(len(which)), *places), shape=(len(first), len(blocks)))
-    blocks = gather @ blocks
-    del gather, places, which
-    dim, starts = isqrt(blocks.shape[1]), np.searchsorted(rows, np.arange(n_nodes + 1))
-    entries = blocks.reshape(-1, dim, dim), columns, starts
-    return sp.bsr_matrix(entries, shape=(dim * n_nodes, dim * n_nodes)).tocsr()
 
 
 def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
@@ -154,19 +81,42 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
-    """Return the matrix of a^h; `moduli` are Lame's constants, or upper triangles of elastic matrices."""
-    weights = (stabilisation.tau,) if isinstance(stabilisation, VertexWeights) else ()
+    """Return the matrix of a^h; `moduli` are Lame's constants, or upper triangles of elastic matrices.
 
-    def local(cells: CellGroup, moduli: Floats, *tau: Floats) -> Floats:
-        C = elastic_matrix(moduli.T, space.dim)
-        blocks = consistent_blocks(cells, C)
-        if tau:
-            add_weights(blocks, cells, *tau)
-        else:
-            add_stabilisation(blocks, cells, stabilisation, C)
-        return blocks
+    Cells without a material have no local matrix; if no cell has a material, the matrix is zero.
+    """
+    filled, dim = (moduli != 0.0).any(axis=0), space.dim
+    filled = filled if filled.any() else np.ones_like(filled)
+    blocks, nodes = list[Floats](), list[Ints]()
+    for group in space.groups:
+        for cells in group.part(np.flatnonzero(filled[group.cells])).chunks():
+            C = elastic_matrix(moduli[:, cells.cells], dim)
+            local = consistent_blocks(cells, C)
+            if isinstance(stabilisation, VertexWeights):
+                add_weights(local, cells, stabilisation.tau[cells.cells])
+            else:
+                add_stabilisation(local, cells, stabilisation, C)
+            blocks.append(local.reshape(-1, dim * dim))
+            nodes.append(cells.nodes)
+    return assemble(nodes, np.concatenate(blocks), space.mesh.n_nodes)
 
-    return sum_over_cells(space, local, (moduli != 0.0).any(axis=0), (moduli.T, *weights))
+
+def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
+    """Assemble blocks (pairs, dim^2) that couple the vertices of cells; column indices are sorted, without duplicates.
+
+    Each array (c, n) of `nodes` has the vertices of c cells. Pairs (i, j) of vertices run array by array and cell by
+    cell, with j fastest.
+    """
+    keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
+    order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
+    keys = keys[order]
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    rows, columns = np.divmod(keys[first], n_nodes)
+    del keys  # frees a part of the memory in use
+    add = sp.csr_matrix((np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(blocks)))
+    dim, starts = isqrt(blocks.shape[1]), np.searchsorted(rows, np.arange(n_nodes + 1))
+    entries = (add @ blocks).reshape(-1, dim, dim), columns, starts
+    return sp.bsr_matrix(entries, shape=(dim * n_nodes, dim * n_nodes)).tocsr()
 
 
 def softest_shear(C: Floats) -> Floats:

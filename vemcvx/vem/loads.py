@@ -1,14 +1,12 @@
 """Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement.
 
 The energy projection P^h u_0 of a displacement u_0 satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h: (2.11) of
-the paper named in :mod:`vemcvx`. Here a(u_0, v) is the virtual work of the stresses C eps(u_0) with the elastic matrix
-C. Inside a cell K, v is unknown, so we use the mean strain eps_K of u_0:
+the paper named in :mod:`vemcvx`. Inside a cell K, v is unknown, so a(u_0, v) is replaced by
 
-    a(u_0, v)  ~  sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds,
+    sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds
 
-by Gauss' theorem; n is the outward normal, sym the symmetric part. So eps_K needs u_0 on the boundary of K, but no
-derivative of u_0. The omitted term (C (eps(u_0) - eps_K), eps(v) - eps(Pi v))_K is at most c h |u_0|_{H^2} |v|, of the
-order of (3.18). For linear u_0 this term is zero, and P^h u_0 = u_0.
+with the outward normal n and the symmetric part sym. The difference is O(h) for u_0 in H^2, the order of (3.18), and
+zero for linear u_0.
 """
 
 from __future__ import annotations
@@ -39,10 +37,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell contains
-# (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d dimensions). A cell is cut
-# into triangles along diagonals if one of its four points is not clearly inside. Each triangle has three inner points.
-# Triangular cells always have this rule, because their sides touch the ellipse.
+# match all moments of degree 2. They lie on an ellipse that every convex cell contains (Kannan, Lovasz, Simonovits,
+# Discrete Comput. Geom. 13 (1995)). A cell is cut into triangles, with three points each, if one of its four points is
+# not clearly inside. Triangular cells always have this rule, because their sides touch the ellipse.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -99,13 +96,9 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
     return places(triangles, DEGREE_2_POINTS).reshape(-1, 2), weights, np.repeat(owner, 3)
 
 
-# Loads of Section 3 of the paper, before (3.14): matrices from point values of a force to a nodal load vector.
-#
-#     <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,
-#
-# where Pi_0^0 f_1 is the mean of f_1 on K, and v_hat the average of the vertex values of v: each vertex of K carries an
-# equal part of the force int_K f_1 dx (except in bodies of revolution, see `load_shares`). On edges v is linear, and
-# two Gauss points are exact for f_2 of degree 2. On each triangle of a face, seven points are exact for degree 4.
+# Loads of Section 3 of the paper, before (3.14): each vertex of a cell carries an equal part of the force on the cell,
+# except in bodies of revolution (see `load_shares`). Two Gauss points on an edge are exact for forces of degree 2,
+# seven points on each triangle of a face for degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """Return the load of a force per length (in space: per area) on a part of the boundary.
 

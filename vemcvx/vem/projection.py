@@ -23,24 +23,15 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values.
+# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values (docs/theory/virtual_elements.md).
 #
-# For a virtual function v on a cell K, (3.11), three conditions determine the linear field Pi v: for all linear q
-#
-#     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
-#
-# The first condition makes eps(Pi v) the mean of eps(v) over K, and the third makes the rotation the mean rotation.
-# Together: grad Pi v = 1/|K| int_K grad v dx, for each component separately. v is linear on the edges
+# grad Pi v is the mean gradient of v, and Pi v has the mean of v over the boundary. v is linear on the edges
 # e_i = [x_i, x_{i+1}], whose outward normals n_i satisfy |e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1}). By Gauss' theorem,
 #
-#     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
-#     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
+#     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i,
+#     grad Pi v = sum_i v_i (x) G_i,   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
 #
-# where (x) is the dyadic product. The second condition, with the perimeter |dK|, determines the constant:
-#
-#     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
-#
-# Nothing here divides by an edge length, so edges may be as short as rounding allows.
+# with the perimeter |dK|. Nothing divides by an edge length, so edges may be as short as rounding allows.
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
 
@@ -74,15 +65,14 @@ def tangents_of(normals: Floats) -> Floats:
 
 # Functions on plane faces of polyhedra with given vertex values: their integrals are exact for linear functions.
 #
-# A face f is split into triangles (c, x_i, x_{i+1}) around the mean c = sum_i w_i x_i of its outline df, with the
-# weights w_i = (|e_{i-1}| + |e_i|) / (2 |df|). A function v is sum_i w_i v_i at c, and linear on each triangle. With
-# the area vectors N_i of the triangles, their sum N, the unit normal nu, and the basis function phi_i of vertex i,
+# A face f is split into triangles (c, x_i, x_{i+1}) around c = sum_i w_i x_i, with the weights w_i of its outline. A
+# function v is sum_i w_i v_i at c, and linear on each triangle. With the area vectors N_i of the triangles, their sum
+# N, the unit normal nu, and the basis function phi_i of vertex i,
 #
-#     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
+#     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|.
 #
-# where a_i is |N|/3 on triangles, |N|/4 on rectangles, and always positive, as weights of contact must be. Both cells
-# of a face share its triangles, so the sum of b_i over a closed surface vanishes even if rounding warps faces. A face
-# that is not star-shaped about c is cut into triangles along diagonals, without c.
+# Both cells of a face share its triangles, so the sum of b_i over a closed surface vanishes even if rounding warps
+# faces. A face that is not star-shaped about c is cut into triangles along diagonals, without c.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
     """A group of faces with equally many vertices, cut into equally many triangles."""
@@ -216,11 +206,6 @@ class CellGroup:
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property
-    def shapes(self) -> tuple[Floats, ...]:
-        """The arrays (c, ...) that determine local matrices for given moduli; translates have exactly equal rows."""
-        return (self.corners,)
-
-    @property
     def stabilised_size(self) -> Floats:
         """The factor h_K^(dim - 2) of the stabilisation, (c,)."""
         return np.ones(len(self.cells))
@@ -278,14 +263,9 @@ class CellGroup:
         return replace(self, **{name: getattr(self, name)[places] for name in own})
 
 
-# Polyhedral cells: the projection Pi from integrals over faces.
+# Polyhedral cells: with b_i and a_i of all faces f (b_i outward for the cell), Gauss' theorem gives
 #
-# Let b_{f,i} (outward for the cell) and a_{f,i} be b_i and a_i of node i on face f, as above. Gauss' theorem gives
-#
-#     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
-#     w_i = sum_f a_{f,i} / |dK|.
-#
-# The mean over the surface determines the constant of Pi, and on a tetrahedron Pi v = v.
+#     |K| G_i = sum_f b_{f,i},   |K| = sum_i x_i . |K| G_i / 3,   w_i = sum_f a_{f,i} / |dK|.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
     """A group of polyhedra with equally many vertices; the vertices of each cell are in ascending order."""
@@ -294,11 +274,6 @@ class PolyhedronGroup(CellGroup):
     shares: Floats  # (c, n) sum_f a_{f,i}
     diameters: Floats
     centroids: Floats
-
-    @property
-    def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices. Sums over faces are included: they round in the order of faces."""
-        return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
         """Return |K| (c,), and |K| G_i (c, n, 3)."""
@@ -327,34 +302,20 @@ def second_moments(about: Floats) -> Floats:
     return np.asarray(sums[0] + sums[1] + sums[2])
 
 
-# Cells of bodies of revolution, in the coordinates (r, z).
+# Cells of bodies of revolution, in the coordinates (r, z): formulas of docs/theory/virtual_elements.md.
 #
-# The strains are e_rr, e_zz, 2 e_rz and the hoop strain e_tt = u_r / r; integrals over the full turn have the weight
-# 2 pi r. With V = int_K r dA, the means of the strains with this weight are, by Gauss' theorem,
+# With V = int_K r dA, the mean strains with the weight 2 pi r are, by Gauss' theorem,
 #
 #     V e_rr = oint r u_r n_r ds - int Pi u_r dA,             V e_zz = oint r u_z n_z ds,
-#     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA,
+#     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA.
 #
-# with the plane projection Pi in the integrals over the cell. On edges, r and u are linear, so the boundary integrals
-# are exact. The strains of u_r = r and of u_z = z are exact. (L. L. Yaw, arXiv:2312.01559, 2023.)
-#
-# A rotation about the centroid (r_c, z_c), u_r = z - z_c, has no mean hoop strain. So the energy also contains the
-# variation of the hoop strain within the cell. Pi u_r - e_tt r is linear, and its integral vanishes. With the second
-# moments M of the cell about its centroid, and the shear modulus mu,
-#
-#     2 mu int r (Pi u_r / r - e_tt)^2 dA  ~  2 mu g'M g / r_c,     g = grad Pi u_r - e_tt grad r.
-#
-# This term vanishes if u_r is a multiple of r, and it does not contain lam, so nothing locks.
+# The energy also contains the variation of the hoop strain within the cell, about 2 mu g'M g / r_c with
+# g = grad Pi u_r - e_tt grad r, and the second moments M and the radius r_c of the centroid.
 @dataclass(frozen=True, eq=False)
 class RingGroup(CellGroup):
     """A group of cells of a body of revolution: all integrals are over the full turn."""
 
     FREE = (0.0, 1.0)
-
-    @property
-    def shapes(self) -> tuple[Floats, ...]:
-        """The arrays that determine local matrices: the vertices and the radius of the first vertex."""
-        return (*super().shapes, self.points[self.nodes[:, :1], 0])
 
     @cached_property
     def centres(self) -> Floats:

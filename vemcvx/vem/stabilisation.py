@@ -1,15 +1,12 @@
 """Stabilisations S_K: energies of u - Pi u, the part of a displacement u that the projection Pi drops on a cell K.
 
-Numbers in parentheses are equations of the paper named in :mod:`vemcvx`. By (3.13), with the elastic matrix C,
+By (3.13) of the paper named in :mod:`vemcvx`, with the elastic matrix C,
 
     a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v).
 
-If u or v is linear, the first part is exact, and the second part is zero, because (I - Pi) p = 0 for linear p. So (2.8)
-and the patch test hold for any S_K. S_K must ensure (2.9), alpha_* a_K <= a_K^h <= alpha^* a_K, where a_K is the exact
-form, and the constants do not depend on K. So S_K must be comparable to the true energy of (I - Pi) v. (The default S_K
-is comparable to the shear energy only, so alpha_* decreases as Poisson's ratio grows: on a square alpha_* is at most
-6 mu / (lam + 3 mu), see problems/stabilisation_spectrum.py. With lam in S_K the method would lock.) In vertex values
-S_K is a symmetric matrix S, positive definite on the range of I - Pi; the local matrix contains (I - Pi)' S (I - Pi).
+(I - Pi) p = 0 for linear p, so the patch test holds for any S_K. For stability, (2.9), S_K must be comparable to the
+true energy of (I - Pi) v (docs/theory/virtual_elements.md). In vertex values S_K is a symmetric matrix S, positive
+definite on the range of I - Pi; the local matrix contains (I - Pi)' S (I - Pi).
 
 Two stabilisations S = tau h_K^(dim - 2) I have names: tau = 2 mu is "shear", tau = 1 is "unit", as in the paper. All
 others are subclasses of :class:`Stabilisation`. Error bounds (:mod:`vemcvx.bound`) hold with any S_K.
@@ -35,7 +32,7 @@ class Stabilisation(ABC):
     """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
     A subclass defines `form`. A frozen dataclass is best: it compares, prints and pickles well. `form` receives groups
-    of cells with equally many vertices; one cell may stand for all its translates with the same moduli.
+    of cells with equally many vertices.
 
     Examples
     --------

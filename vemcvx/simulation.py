@@ -22,7 +22,7 @@ from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
 from vemcvx.scene import Scene
-from vemcvx.scene.contact import describe_penetrations, find_missing_contact
+from vemcvx.scene.contact import find_missing_contact
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import (
@@ -143,8 +143,6 @@ def simulate(
         results = record(posed, trajectory, assembled, storage)
         warn_of_lost_work(trajectory)
         warn_of_large_strains(posed, results)
-        for words in describe_penetrations(posed.obstacles, posed.supports, given[trajectory.stored].tolist()):
-            log.warning("%s", words)
         history = History.from_results(results, begins(initial))
         return history if add_bounds is None or history.steps == 0 else add_bounds(history)
 

@@ -19,11 +19,6 @@ def zero(x, t):
 SUPPORTED = (STEEL, HELD, PULLED, TOUCHING, RUBBING)
 TOUCHED = (*SUPPORTED, vx.UnilateralContact(on="left"))
 VOID = {
-    "Traction": (vx.Traction((0.0, 0.0), on="left"), SUPPORTED, "Traction on left: its force is zero"),
-    "ThermalStrain": (vx.ThermalStrain(expansion=1e-5, temperature=zero), SUPPORTED, "its strain is zero"),
-    "Prestress": (vx.Prestress((0.0, 0.0, 0.0)), SUPPORTED, "its stress is zero"),
-    "ElasticFoundation": (vx.ElasticFoundation(0.0, 0.0, on="left"), SUPPORTED, "ElasticFoundation: its stiffness is"),
-    "Viscosity": (vx.Viscosity(shear=0.0), SUPPORTED, "Viscosity: its viscosity is zero"),
     "Tresca": (vx.TrescaFriction(zero, on="bottom"), SUPPORTED[:-1], "TrescaFriction on bottom: its bound is zero"),
     "Coulomb": (vx.CoulombFriction(0.0, on="left"), TOUCHED, "CoulombFriction on left: its bound is zero"),
     "capped": (vx.CoulombFriction(0.3, on="left", cap=0.0), TOUCHED, "CoulombFriction on left: its bound is zero"),

@@ -108,18 +108,3 @@ def test_a_node_lifted_by_a_support_is_open(lift, gap, touches):
     assert contact.closed[-1, corner] == touches
     assert contact.closed[-1, np.flatnonzero(contact.points[:, 0] == 1.0)].all()
     assert contact.open_count[-1] == (~contact.closed[-1]).sum()
-
-
-@pytest.mark.parametrize(("gap", "direction", "depth"), [(0.1, None, 0.2), (0.1, (0, 1), 0.2), (0.3, None, 0.0)])
-def test_a_support_that_moves_nodes_through_an_obstacle_logs_the_depth(caplog, gap, direction, depth):
-    """The lower left corner sinks by at most .3, at t = .5; the obstacle is `gap` below this corner."""
-    sinks = vx.Tabulated([0.0, 0.5, 1.0], -0.3 * np.outer([0, 1, 0.5], (0, 1) if direction is None else 1).squeeze())
-    scene = vx.Scene(
-        vx.Elasticity(YOUNG, 0.3),
-        vx.Clamp(on="right"),
-        vx.PrescribedDisplacement(sinks, on="left", direction=direction),
-        vx.UnilateralContact(on="bottom", gap=gap),
-    )
-    vx.simulate(scene, small("squares", 3), np.linspace(0, 1, 5))
-    said = "PrescribedDisplacement on left: it moves 1 contact node(s) through UnilateralContact on bottom, by up to "
-    assert [words for words in caplog.messages if "through" in words] == [f"{said}{depth}"] * (depth > 0)

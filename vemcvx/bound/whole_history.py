@@ -109,7 +109,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
     if len(times) < 2:
         return np.zeros(1), times[:0]
     with suppress_scene_warnings():
-        # Pose all effects: a run omits a load that acts only within a step, although such a load changes friction.
+        # Pose all effects: a run omits friction that acts only within a step.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))

@@ -1,9 +1,4 @@
-"""Effects: the pieces of physics in a scene.
-
-All effects act in the plane and in space. In space, slip is a vector, and laws of friction depend on the length of the
-slip path. For bodies in space, `plane=` of materials and the direction "tangent" are errors. For plane bodies,
-`direction=` and `across=` of friction are errors.
-"""
+"""Effects: the pieces of physics in a scene, for bodies in the plane and in space."""
 
 from vemcvx.base.weight_law import Law
 from vemcvx.effects.contact import (
@@ -17,18 +12,11 @@ from vemcvx.effects.contact import (
     VelocityContact,
 )
 from vemcvx.effects.data import Tabulated
-from vemcvx.effects.effect import (
-    ContactSurface,
-    Contribution,
-    Effect,
-    Eigenstrain,
-    Friction,
-    InitialStress,
-    Load,
-    Material,
-    Obstacle,
-    Support,
-)
+from vemcvx.effects.effect import ContactSurface as ContactSurface
+from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Obstacle, Support
+from vemcvx.effects.effect import Eigenstrain as Eigenstrain
+from vemcvx.effects.effect import InitialStress as InitialStress
+from vemcvx.effects.effect import Material as Material
 from vemcvx.effects.effect import where as where
 from vemcvx.effects.loads_and_supports import (
     BodyForce,
@@ -50,18 +38,14 @@ __all__ = [
     "BilateralContact",
     "BodyForce",
     "Clamp",
-    "ContactSurface",
     "Contribution",
     "CoulombFriction",
     "Effect",
-    "Eigenstrain",
     "ElasticFoundation",
     "Elasticity",
     "Friction",
-    "InitialStress",
     "Law",
     "Load",
-    "Material",
     "MaterialLaw",
     "NormalCompliance",
     "Obstacle",

@@ -4,14 +4,12 @@ Displacements are vectors u of n_nodes * dim nodal values; component a of node i
 of contributions are fixed; users may define further effects, which return contributions of these kinds.
 
 Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
-surface with normal n, and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. The dissipation
-in a slip s is the largest work of such forces. By the Cauchy-Schwarz inequality for (q_e / g, q_c / h), this work is
+surface with normal n, and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. A slip s
+dissipates the largest work of such forces (Michalowski and Mroz, Arch. Mech. 30, 1978):
 
-    max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g,
+    max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g.
 
-attained where s is opposite to the normal (q_e / g^2, q_c / h^2) of the ellipse at q (Michalowski and Mroz, Arch. Mech.
-30, 1978). So the dissipation has the weight g, as for isotropic friction, but the norm of (s . e, s . r c) in place of
-the norm of s. The ratio r must not change in time.
+So the weight is g, as for isotropic friction, with the norm of (s . e, s . r c) in place of the norm of s.
 """
 
 from __future__ import annotations
@@ -224,37 +222,14 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """A surface of contact, one row per node and distinct normal.
+    """A surface of contact, one row per node and distinct normal."""
 
-    Attributes
-    ----------
-    subject : str
-        The name of the effect in messages.
-    nodes : (m,) array
-        Node numbers.
-    normals : (m, dim) array
-        Outward unit normals.
-    lengths : (m,) array
-        Integrals of the nodal basis functions over the edges (in space faces) with that normal.
-    ends : EdgeEnds, optional
-        The edges of each row. Without `ends`, they count as distinct from the edges of other surfaces.
-    partners : (m,) array, optional
-        Nodes of other bodies, or -1. With a partner, a row depends on u(node) - u(partner).
-
-    Examples
-    --------
-    >>> rows = vx.vem.Space(vx.meshes.squares(1)).part("bottom", "example", contact=True).node_normals
-    >>> surface = vx.effects.ContactSurface.from_rows(rows)
-    >>> print(surface.nodes, surface.lengths)
-    [0 1] [0.5 0.5]
-    """
-
-    subject: str
-    nodes: Ints
-    normals: Floats
-    lengths: Floats
-    ends: EdgeEnds | None = field(default=None, kw_only=True)
-    partners: Ints | None = field(default=None, kw_only=True)
+    subject: str  # the name of the effect in messages
+    nodes: Ints  # (m,)
+    normals: Floats  # (m, dim) outward unit normals
+    lengths: Floats  # (m,) integrals of the nodal basis functions over the edges (in space faces) with that normal
+    ends: EdgeEnds | None = field(default=None, kw_only=True)  # the edges of each row; None: they belong to it alone
+    partners: Ints | None = field(default=None, kw_only=True)  # (m,) nodes of other bodies, or -1: rows of the jump
 
     @classmethod
     def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
@@ -266,6 +241,8 @@ class ContactSurface:
 @dataclass(frozen=True)
 class Friction(ContactSurface):
     """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
+
+    `Friction.from_rows(rows, subject, weights=...)` makes it from the rows of a part of the boundary.
 
     Attributes
     ----------
@@ -408,42 +385,20 @@ class Obstacle(ContactSurface):
 
 @dataclass(frozen=True)
 class Material:
-    """Hooke's law on the cells of a material; zero on all other cells.
+    """Hooke's law on the cells of a material; zero on all other cells."""
 
-    Attributes
-    ----------
-    subject : str
-        The name of the effect in messages.
-    moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells) array
-        Lame's lam (reduced in plane stress) and mu, or the upper triangle of the elastic matrix; force per area.
-    thermal_stress_moduli : (n_cells, components) array
-        b: an eigenstrain s, equal in all directions of space, causes the stress -b s where it is blocked.
-    plane : {"strain", "stress", "axisymmetric"}
-        The same for all materials of a body; "strain" in space.
-    cells : (n_cells,) array of bool, optional
-        The cells of the material; None means all.
-    out_of_plane : (n_cells, 4) array, optional
-        The stress zz for unit strains e_xx, e_yy and 2 e_xy, and minus the stress zz for a blocked unit eigenstrain.
-        Zero in plane stress; None in space, in bodies of revolution, and if the law does not define zz.
-    stabilisation : Stabilisation, optional
-        S_K; None means "shear" with the softest shear modulus.
-    at : callable (x, cells) -> (moduli, thermal stress moduli), optional
-        The moduli (as an upper triangle) at points x (k, dim) of cells (k,); None if they are constant in every cell.
-
-    Examples
-    --------
-    >>> material = vx.Elasticity(2.5, 0.25).contribute(vx.vem.Space(vx.meshes.squares(1))).material
-    >>> print(material.moduli.T)
-    [[1. 1.]]
-    """
-
-    subject: str
+    subject: str  # the name of the effect in messages
+    # (2, n_cells) Lame's lam (reduced in plane stress) and mu; or (., n_cells) the upper triangle of the elastic
+    # matrix, row by row: 6 numbers, in space 21, in bodies of revolution 10.
     moduli: Floats
-    thermal_stress_moduli: Floats
-    plane: str
-    cells: Bools | None = None
+    thermal_stress_moduli: Floats  # (n_cells, components) b: a blocked eigenstrain s in all directions causes -b s
+    plane: str  # "strain", "stress" or "axisymmetric", the same for all materials of a body; "strain" in space
+    cells: Bools | None = None  # (n_cells,) the cells of the material; None means all
+    # (n_cells, 4) the stress zz for unit strains e_xx, e_yy, 2 e_xy, and minus the stress zz for a blocked eigenstrain;
+    # zero in plane stress; None in space, in bodies of revolution, and if the law does not define zz.
     out_of_plane: Floats | None = None
-    stabilisation: Stabilisation | None = None
+    stabilisation: Stabilisation | None = None  # S_K; None means "shear"
+    # The moduli (as an upper triangle) and thermal stress moduli at points x of cells; None if constant in every cell.
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
 
     def elastic(self, dim: int) -> Floats:
@@ -465,54 +420,20 @@ class Material:
 
 @dataclass(frozen=True)
 class Eigenstrain:
-    """An isotropic strain that causes stress only where it is blocked; the stress depends on the material of the cell.
-
-    Attributes
-    ----------
-    subject : str
-        The name of the effect in messages.
-    value : callable t -> (n_cells,)
-        The strain of each cell.
-    at : callable (x, cells, t) -> (k,), optional
-        The strain at points x (k, dim) of cells (k,); None if it is constant in every cell.
-
-    Examples
-    --------
-    >>> heat = vx.ThermalStrain(1e-5, lambda x, t: np.full(len(x), 10.0 * t))
-    >>> (strain,) = heat.contribute(vx.vem.Space(vx.meshes.squares(1))).eigenstrains
-    >>> print(strain.value(2.0))
-    [0.0002]
-    """
+    """An isotropic strain that causes stress only where it is blocked."""
 
     subject: str
-    value: Callable[[float], Floats]
-    at: Callable[[Floats, Ints, float], Floats] | None = None
+    value: Callable[[float], Floats]  # t -> (n_cells,)
+    at: Callable[[Floats, Ints, float], Floats] | None = None  # at points of cells; None if constant in every cell
 
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress at zero strain.
-
-    Attributes
-    ----------
-    subject : str
-        The name of the effect in messages.
-    value : callable t -> (n_cells, components)
-        The stress of each cell: xx, yy, xy, in space xx, yy, zz, xy, yz, xz; force per area, tension positive.
-    at : callable (x, cells, t) -> (k, components), optional
-        The stress at points x (k, dim) of cells (k,); None if it is constant in every cell.
-
-    Examples
-    --------
-    >>> space = vx.vem.Space(vx.meshes.squares(1))
-    >>> (initial,) = vx.Prestress([3.0, 0.0, 0.0]).contribute(space).initial_stresses
-    >>> print(initial.value(0.0))
-    [[3. 0. 0.]]
-    """
+    """A stress at zero strain: xx, yy, xy, in space xx, yy, zz, xy, yz, xz; force per area, tension positive."""
 
     subject: str
-    value: Callable[[float], Floats]
-    at: Callable[[Floats, Ints, float], Floats] | None = None
+    value: Callable[[float], Floats]  # t -> (n_cells, components)
+    at: Callable[[Floats, Ints, float], Floats] | None = None  # at points of cells; None if constant in every cell
 
 
 @dataclass(frozen=True)

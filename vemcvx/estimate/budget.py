@@ -184,7 +184,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 def estimate_time_error(posed: PosedScene, run: Trajectory) -> Finer:
     """Compare a run of a posed scene with a run in finer steps."""
     assert run.initial is not None
-    # Effects that are zero at the instants of the run may act between instants.
+    # Friction that is zero at the instants of the run may act between instants.
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:

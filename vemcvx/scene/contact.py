@@ -376,7 +376,7 @@ class Obstacles(ContactRows):
     rates: Bools  # (r,) limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # the effects that contribute them, in words
-    prescribed: Obstacles | None = None  # rows without free unknowns: no limits, but checked for penetration
+    prescribed: Obstacles | None = None  # rows without free unknowns, which are no limits
 
     def limits(self, supports: Supports) -> Limits | None:
         """Return the limits over the free unknowns; None if there are none."""
@@ -441,23 +441,6 @@ def _pressures(
                 "UnilateralContact or NormalCompliance on the same boundary."
             )
     return shares
-
-
-def describe_penetrations(obstacles: Obstacles, supports: Supports, times: Sequence[float]) -> list[str]:
-    """Return a sentence for each support that moves contact nodes through their obstacle at one of these instants."""
-    held, notes = obstacles.prescribed, []
-    if held is None:
-        return []
-    moved, gaps = np.array([(held.rows @ supports.motion(t), held.gap(t)) for t in times]).swapaxes(0, 1)
-    depth, size = (moved - gaps).max(axis=0), np.maximum(np.abs(moved), np.abs(gaps)).max(initial=0.0)
-    reads = sp.csc_matrix(abs(held.rows @ supports.H) > SAME)
-    for support, own in zip(supports.given, slices_of(supports.given), strict=True):
-        through = depth[np.unique(reads[:, own].nonzero()[0])]
-        through = through[through > SAME * size]
-        if len(through) and not support.contact:
-            places = f"{len(through)} contact node(s) through {', '.join(held.subjects)}"
-            notes.append(f"{support.subject}: it moves {places}, by up to {through.max():.6g}")
-    return notes
 
 
 def describe_immovable(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:

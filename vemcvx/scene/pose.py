@@ -164,9 +164,9 @@ def suppress_scene_warnings() -> Iterator[None]:
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; drop effects that are zero at all of `times`.
+    """Assemble a scene on a mesh; drop frictions whose bounds are zero at all of `times`.
 
-    If effects can act between the instants, pass the instants as `between`, not as `times`: then no effect is dropped.
+    If friction can act between the instants, pass the instants as `between`, not as `times`: then none is dropped.
     Raise SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)

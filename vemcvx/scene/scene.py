@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,10 +12,9 @@ import scipy.sparse as sp
 from vemcvx.base.arrays import Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.base.outline import Outline
-from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
+from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Material, MaterialLaw, Symmetry
 from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
-from vemcvx.scene.rows import pairs_of
 from vemcvx.vem import Space, Stabilisation, stress_load
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE, MirrorPlanes
 from vemcvx.vem.stabilisation import InRegions, VertexWeights
@@ -118,55 +117,27 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
     """Return each effect with its contribution.
 
-    A plane of symmetry is a side of the body on which supports keep the nodes in the plane at all times. A contact
-    curve that ends at such a plane continues behind the plane as a mirror image. So effects of contact are evaluated
-    again with these planes: nodes on the planes get the normals of the whole body.
+    A contact curve that ends at a plane of Symmetry, or on the axis of a body of revolution, continues behind it as a
+    mirror image. So effects of contact are evaluated again with these planes: nodes on the planes get the normals of
+    the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
-    mirrors = _mirrors([part for _, part in parts], space)
-    if mirrors is None:
+    planes = [
+        support
+        for effect, part in parts
+        if isinstance(effect, (Symmetry, MaterialLaw)) and not part.curves
+        for support in part.supports
+    ]
+    if not planes:
         return parts
+    mirrors = _spans(np.concatenate([s.nodes for s in planes]), np.concatenate([s.directions for s in planes]))
     mirrored = replace(space, mirrors=mirrors)
-    return [(effect, effect.contribute(mirrored) if len(_contact(part)) else part) for effect, part in parts]
+    return [(effect, effect.contribute(mirrored) if _acts_in_contact(part) else part) for effect, part in parts]
 
 
-def _contact(part: Contribution) -> Ints:
-    """Return the nodes where an effect contributes contact, then the partners of these nodes (-1 for none)."""
-    bilateral = [support for support in part.supports if support.contact]
-    return np.concatenate(pairs_of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral]))
-
-
-def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
-    """Return the planes of symmetry at contact nodes; None if supports hold every contact node fully or not at all."""
-    still = [s for part in parts for s in part.supports if s.value is None and s.patterns is None and not s.contact]
-    touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
-    if not still or not len(touching):
-        return None
-    held = _spans(np.concatenate([s.nodes for s in still]), np.concatenate([s.directions for s in still]))
-    fully_held = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
-    if not np.isin(held.nodes[~fully_held], touching).any():
-        return None
-    # A fully held node counts as a node on planes of all directions.
-    nodes = [np.repeat(held.nodes[fully_held], space.dim)]
-    normals = [np.tile(np.eye(space.dim), (int(fully_held.sum()), 1))]
-    for of_side, normal in _sides_held_across(space, held):
-        nodes.append(of_side.ravel())
-        normals.append(np.repeat(normal, of_side.shape[1], axis=0))
-    of_nodes, across = np.concatenate(nodes), np.concatenate(normals)
-    here = np.isin(of_nodes, touching)
-    return _spans(of_nodes[here], across[here])
-
-
-def _sides_held_across(space: Space, held: MirrorPlanes) -> Iterator[tuple[Ints, Floats]]:
-    """Yield nodes (m, n) and normals (m, dim) of the sides whose n nodes are all held along the normal of the side."""
-    part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
-    place[held.nodes] = np.arange(len(held.nodes))
-    for rule in part.rules(1):
-        sides = np.flatnonzero((place[rule.nodes] >= 0).all(axis=1))
-        nodes, normals = rule.nodes[sides], part.normals[rule.sides[sides]]
-        along = np.einsum("snij,sj->sni", held.projections[place[nodes]], normals)
-        across = (np.linalg.norm(along - normals[:, None, :], axis=2) <= DIRECTION_TOLERANCE).all(axis=1)
-        yield nodes[across], normals[across]
+def _acts_in_contact(part: Contribution) -> bool:
+    bilateral = any(support.contact for support in part.supports)
+    return bilateral or any((part.frictions, part.obstacles, part.surfaces))
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
@@ -180,45 +151,31 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
 
 
-Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
 Datum = Callable[[float], Floats]
 
 
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Drop loads, friction bounds, springs and dashpots that are zero at all of `times`.
-
-    Return the contributions, and a sentence for each dropped load, bound, spring or dashpot.
-    """
-    notes: list[str] = []
-    return [_without_inactive(effect, part, times, notes) for effect, part in contributions(effects, space)], notes
-
-
-def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], notes: list[str]) -> Contribution:
-    """Return a contribution without parts that vanish at all `times`; append a sentence per dropped part to `notes`."""
-
-    def alive(data: tuple[Varying, ...], value: Callable[[Varying], Datum], what: str) -> tuple[Varying, ...]:
-        zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
-        notes.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
-        return tuple(datum for datum, gone in zip(data, zero, strict=True) if not gone)
+    """Drop frictions whose bounds are zero at all of `times`; return the contributions, and a sentence per friction."""
+    found, notes = list[Contribution](), list[str]()
 
     def shorten(datum: Any) -> Any:
         return replace(datum, value=drop_tails(datum.value, times))
 
-    matrices = () if part.material is not None else ("stiffness", "viscosity")
-    weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
-    none: dict[str, Any] = dict.fromkeys(weak)
-    notes.extend(f"{type(effect).__name__}: its {name} is zero" for name in weak)
-    return replace(
-        part,
-        **none,
-        loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
-        supports=tuple(x if x.value is None else shorten(x) for x in part.supports),
-        frictions=alive(part.frictions, _bound, "bound"),
-        eigenstrains=tuple(map(shorten, alive(part.eigenstrains, lambda x: x.value, "strain"))),
-        initial_stresses=tuple(map(shorten, alive(part.initial_stresses, lambda x: x.value, "stress"))),
-    )
+    for _, part in contributions(effects, space):
+        idle = [len(times) > 0 and _zero(_bound(friction), times) for friction in part.frictions]
+        notes += [f"{part.frictions[i].subject}: its bound is zero at all instants" for i in np.flatnonzero(idle)]
+        shortened = replace(
+            part,
+            loads=tuple(replace(load, times=tuple(times)) for load in part.loads),
+            supports=tuple(x if x.value is None else shorten(x) for x in part.supports),
+            frictions=tuple(friction for friction, gone in zip(part.frictions, idle, strict=True) if not gone),
+            eigenstrains=tuple(map(shorten, part.eigenstrains)),
+            initial_stresses=tuple(map(shorten, part.initial_stresses)),
+        )
+        found.append(shortened)
+    return found, notes
 
 
 def _bound(friction: Friction) -> Datum:

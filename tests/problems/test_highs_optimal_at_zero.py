@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import highspy
 import pytest
 
 SCRIPT = Path(__file__).parents[2] / "problems" / "highs_optimal_at_zero.py"
@@ -19,15 +18,3 @@ def test_the_script_prints_a_value_that_is_not_below_the_optimum():
     found = re.search(r"value (\S+); the value at d = t = \(7/6, 1/3\) is -1.0833333333333333", run.stdout)
     assert float(found.group(1)) >= -13 / 12 - 1e-6
     assert "vemcvx" not in SCRIPT.read_text()
-
-
-def test_the_program_of_the_report_has_the_stated_value_at_its_optimum():
-    """HiGHS finds that the point d = t = (7/6, 1/3), given as fixed values, is feasible and has the value -13/12."""
-    highs = highspy.Highs()
-    highs.setOptionValue("output_flag", False)  # silent() prints a banner
-    assert highs.readModel(str(SCRIPT.with_suffix(".mps"))) == highspy.HighsStatus.kOk
-    for column, value in enumerate((7 / 6, 1 / 3, 7 / 6, 1 / 3)):
-        highs.changeColBounds(column, value, value)
-    highs.run()
-    assert highs.getModelStatus() == highspy.HighsModelStatus.kOptimal
-    assert highs.getInfo().objective_function_value == pytest.approx(-13 / 12, rel=1e-14)

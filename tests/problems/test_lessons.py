@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ast
 import re
-from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -65,24 +64,6 @@ def test_a_lesson_has_formulas_a_picture_exercises_and_a_file_of_solutions(name)
 
 
 @pytest.mark.parametrize("name", LESSONS)
-def test_a_lesson_opens_with_its_prerequisites_and_imports_public_modules(name):
-    opening = cells(name)[2][1]
-    assert re.match(r"# \*You need:\* .+?\*You will see:\* ", opening, re.DOTALL)
-    first = next(text for kind, text in cells(name)[1:] if kind == "code")
-    imports = [line.split()[1] for line in first.splitlines() if line.startswith(("import ", "from "))]
-    assert {"matplotlib.pyplot", "numpy"} <= set(imports)
-    assert not any(re.match(r"vemcvx\.(base|plots)", module) for module in imports)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_folded_cells_describe_their_picture(name):
-    """The first comment of a folded cell is the alternative text of its picture on the site."""
-    text = (FOLDER / name).read_text()
-    assert text.count('# %% jupyter={"source_hidden": true}\n') == text.count("\n# Picture: ")
-    assert text.count('# %% jupyter={"source_hidden": true}\n# Picture: ') == text.count("\n# Picture: ")
-
-
-@pytest.mark.parametrize("name", LESSONS)
 def test_every_question_has_an_answer_that_unfolds(name):
     prose = "".join(text for kind, text in cells(name) if kind == "markdown")
     asked = prose.split("**Question:**")[1:]
@@ -97,51 +78,6 @@ def test_every_question_has_an_answer_that_unfolds(name):
         assert len(answer.group(1).split()) > 25
         assert "details>" not in answer.group(1)
     assert prose.count("<details>") == len(asked)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_the_title_is_shown_once(name):
-    """The docstring of the file is its first cell and its title, the only heading at this level."""
-    first, *others = cells(name)[1:]
-    number = re.match(r"lesson_(\d+)_", name).group(1)
-    title = ast.literal_eval(first[1].strip())
-    assert cells(name)[0] == ("code", "")
-    assert first[0] == "markdown"
-    assert title == ast.get_docstring(ast.parse((FOLDER / name).read_text()))
-    assert re.match(rf"# (Lesson {number}, |Solutions to the exercises of lesson {number})", title)
-    assert not any(re.search(r"^# # ", text, re.MULTILINE) for kind, text in others if kind == "markdown")
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_cells_of_markdown_contain_comments_only(name):
-    """The title is exempt, because it is the docstring."""
-    lines = [line for kind, text in cells(name)[2:] if kind == "markdown" for line in text.splitlines()]
-    assert [line for line in lines if line and not line.startswith("#")] == []
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_no_two_cells_assign_the_same_name(name):
-    """Marimo refuses two cells that define the same name; names that begin with _ are local to a cell."""
-    defined = Counter()
-    for kind, text in cells(name):
-        defined.update(list_assigned_names(ast.parse(text)) if kind == "code" else ())
-    assert [one for one, times in defined.items() if times > 1] == []
-
-
-def list_assigned_names(tree):
-    """Return the names that a cell defines outside functions, without names that begin with an underscore."""
-    names, waiting = set(), list(tree.body)
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            names.add(node.name)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            names |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
-        elif not isinstance(node, ast.Lambda | ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                names.add(node.id)
-            waiting += ast.iter_child_nodes(node)
-    return {name for name in names if not name.startswith("_")}
 
 
 @pytest.mark.long

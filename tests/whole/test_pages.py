@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from importlib import import_module
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from texts import PAGES, ROOT, SITE, TEXTS, cells, files, is_made, page, prose
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -47,25 +46,13 @@ def test_links_and_files_of_a_text_exist(path):
         assert (ROOT / named).exists(), named
 
 
-@pytest.mark.parametrize("path", PAGES, ids=name)
-def test_headings_follow_in_order(path):
-    """A page has one title, and skips no level of headings."""
-    if path.stem == "changes":
-        assert path.read_text() == "```{include} /CHANGELOG.md\n```\n"
-        return
-    levels = [len(marks) for marks in re.findall(r"^(#+) ", prose(path.read_text()), re.MULTILINE)]
-    assert levels[0] == 1
-    assert levels.count(1) == 1
-    assert all(after <= before + 1 for before, after in pairwise(levels))
-
-
-def test_no_sentence_of_twelve_words_occurs_twice():
-    """A text that needs a sentence of another text includes it by a directive."""
-    said = Counter()
+def test_commands_in_texts_have_existing_names_and_options():
+    group = get_command(app)
     for path in TEXTS:
-        text = re.sub(r"\s+", " ", prose(path.read_text()))
-        said.update(sentence for sentence in re.split(r"(?<=[.:;]) |\| ", text) if len(sentence.split()) >= 12)
-    assert [sentence for sentence, times in said.items() if times > 1] == []
+        for name, rest in re.findall(r"\bvemcvx ([a-z]+)\b(.*?)(?:`|$)", path.read_text(), re.MULTILINE):
+            used = set(re.findall(r"(?<!\S)--[a-z][\w-]*", rest))
+            known = {option for one in group.get_command(None, name).params for option in one.opts} if used else used
+            assert used <= known | {"--help"}, f"{path.name}: {name} {used - known}"
 
 
 def test_the_page_of_measurements_has_the_values_of_constants():

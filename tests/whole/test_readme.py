@@ -57,20 +57,6 @@ def test_the_workflow_runs_the_commands_and_builds_the_site():
     assert [step for step in list_steps("tests") if "venv" in step or "docs" in step] == [*wanted, site]
 
 
-def test_a_release_runs_the_problem_of_the_readme_from_the_wheel_before_publication():
-    (main,) = re.findall(r"vemcvx run problems/(feng_han_huang)\.py (.*)$", TEXT, re.MULTILINE)
-    made, checked, job, published = (
-        [word in step for step in list_steps("release")].index(True)
-        for word in (
-            "python -m build",
-            "twine check",
-            f'vemcvx" run {" ".join(main)}\n',
-            "pypa/gh-action-pypi-publish@",
-        )
-    )
-    assert made < checked < job < published
-
-
 def test_the_readme_names_files_without_links():
     """Relative links would be broken where PyPI shows the README."""
     assert re.findall(r"\]\((?!http)", TEXT) == []

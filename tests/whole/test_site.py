@@ -65,14 +65,6 @@ def test_a_problem_has_statement_picture_and_command(name):
     assert not re.search(r"^ {4}(?! *\|).*(?: = | <= |sqrt)", problem.statement, re.MULTILINE)
 
 
-@pytest.mark.long
-def test_gallery_pages_name_the_tests_of_a_problem():
-    found = gallery.find_tests()
-    assert any("::test_a_cylinder_presses_as_hertz_says" in line for line in found["hertz_contact"])
-    # Tests of these two problems define the scene again, or load the file outside of test functions.
-    assert set(problem_files()) - set(found) <= {"frictional_hysteresis", "missed_reversal"}
-
-
 def test_checks_of_pages_find_every_kind_of_fault(tmp_path):
     pytest.importorskip("bs4")
     from generator import checks
@@ -95,42 +87,6 @@ def test_checks_of_pages_find_every_kind_of_fault(tmp_path):
         (tmp_path / "page.html").write_text(good.replace("</article>", f"{html}</article>"))
         (fault,) = checks.find_faults(tmp_path)
         assert words in fault
-
-
-def test_docstrings_are_translated():
-    """Formulas, names, bars and underscores become reStructuredText; examples and literals stay."""
-    pytest.importorskip("sphinx")
-    from generator.docstrings import prepare
-
-    typed = {
-        "|v| of lam_ . n and **style": r"\|v\| of lam\_ · n and \**style",
-        "**Theorem 2.** For x": "**Theorem 2.** For x",
-        "``|v| of lam_``": "``|v| of lam_``",
-        "$|v|$ is": ":math:`|v|` is",
-        "a\n\n    $$ a \\\\\n b $$\n\nb": "a\n\n\n    .. math::\n\n       a \\\\\n       b\n\n\nb",
-        "`Newton`, `n_i_`": ":py:obj:`Newton <vemcvx.Newton>`, ``n_i_``",
-        ">>> a = |b_\n3\n\n|c|": ">>> a = |b_\n3\n\n\\|c\\|",
-    }
-    for text, made in typed.items():
-        lines = text.split("\n")
-        prepare(None, "function", "vemcvx.x", None, None, lines)
-        assert "\n".join(lines) == made
-
-
-def test_a_slide_has_one_formula_or_picture_and_five_lines_of_text():
-    soup = pytest.importorskip("bs4").BeautifulSoup
-    from generator import slides
-
-    long = "A sentence of seven words is here. " * 40
-    picture = '<div class="cell"><details class="hide"><pre>x</pre></details><img alt="words" src="x.png"></div>'
-    html = f"""<h1>T</h1><p>You need a.</p><h2>A</h2><p>{long} It is, with</p><div class="math">a</div>
-        <p>where a is b. Then</p><div class="math">b</div><p><strong>Question:</strong> which?</p>{picture}"""
-    title, *others = slides.build_slides(list(slides.find_blocks(soup(html, "html.parser"))))
-    assert title == "<h1>T</h1><p>You need a.</p>"
-    assert others[0].endswith('It is, with</p><div class="math">a</div><p>where a is b.</p>')
-    assert others[1] == '<h2>A</h2><p>Then</p><div class="math">b</div>'
-    assert others[2].startswith("<h2>A</h2><img")
-    assert max(map(slides.count_lines, [title, *others])) <= slides.LINES
 
 
 @pytest.fixture(scope="module")

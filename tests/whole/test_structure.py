@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import gc
-import importlib
 import re
 import subprocess
 import sys
@@ -241,42 +240,9 @@ def test_tests_of_internals_are_in_tests_unit():
     assert {name for name in found if uses_internals(tests / name)} <= INTERNALS
 
 
-def test_names_of_functions_hide_no_modules():
-    for name, path in modules().items():
-        if path.name == "__init__.py":
-            package = __import__(name, fromlist=["_"])
-            hidden = [
-                m for m in modules() if m.rpartition(".")[0] == name and callable(vars(package).get(m.split(".")[-1]))
-            ]
-            assert not hidden, f"{hidden[0]} cannot be imported: a function of {name} has the same name"
-
-
 @pytest.mark.long
 def test_importing_the_package_imports_nothing_heavy():
     heavy = {*HEAVY, "clarabel", "osqp", "typer", "rich", "numpy", "scipy"}
     code = f"import sys, vemcvx; print({heavy} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"
-
-
-def exists(name):
-    """Return True if a dotted name is a module, or a name in a module, including fields of records."""
-    parts = name.split(".")
-    for k in range(len(parts), 0, -1):
-        if (module := ".".join(parts[:k])) in modules():
-            found = importlib.import_module(module)
-            for key in parts[k:-1]:
-                found = getattr(found, key)
-            fields = [key for kind in getattr(found, "__mro__", ()) for key in getattr(kind, "__annotations__", ())]
-            return k == len(parts) or hasattr(found, parts[-1]) or parts[-1] in fields
-    return False
-
-
-def test_references_in_docstrings_exist():
-    for name, path in modules().items():
-        text = path.read_text()
-        beside = [f"{name.rpartition('.')[0]}.{to}" for to in re.findall(r":mod:`\.(\w+)`", text)]
-        lost = [to for to in beside if to not in modules() and f"{name}.{to.rpartition('.')[2]}" not in modules()]
-        named = re.findall(r":\w+:`~?(\w[\w.]*)`", text)
-        lost += [to for to in named if not exists(to if to.startswith("vemcvx") else f"{name}.{to}")]
-        assert lost == [], path

@@ -152,7 +152,7 @@ def test_invalid_sets_of_bodies_are_refused():
     ):
         with pytest.raises(vx.MeshError, match=subject):
             bodies(meshes, **options)
-    with pytest.raises(vx.MeshError, match=r"the face at \(0\.5, 0\.375, 0\.375\) has a crack tip at all its nodes"):
+    with pytest.raises(vx.MeshError, match=r"a face at \(0\.5, 0\.375, 0\.375\) has crack tips at all its nodes"):
         cubes(4).cut("crack", {"a": [21], "b": [22]})
 
 

@@ -111,14 +111,10 @@ def test_conversion_from_scikit_fem_and_back_restores_the_mesh(kind):
     assert_same(mesh, convert(back))
 
 
-def test_a_warning_names_cell_data_that_scikit_fem_does_not_keep():
-    mesh = make("squares")
-    with pytest.warns(
-        vx.MeshWarning, match="keep only cell data of zeros and ones, not 'material', 'single', 'vector', \"young's"
-    ) as caught:
-        made = mesh.to("skfem")
-    assert caught[0].filename == __file__
-    assert set(made.boundaries) == set(mesh.boundaries) - {"boundary"}
+def test_scikit_fem_keeps_names_of_boundaries_and_sets_of_cells_only():
+    made = make("squares").to("skfem")
+    assert set(made.boundaries) == set(make("squares").boundaries) - {"boundary"}
+    assert not made.subdomains
 
 
 def test_polydata_of_pyvista_becomes_polygons():

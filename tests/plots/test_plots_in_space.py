@@ -87,8 +87,7 @@ def test_an_inclined_face_is_drawn_along_its_normal():
     flat = vx.meshes.cubes(2)
     points = flat.points + np.column_stack([0 * flat.points[:, :2], flat.points[:, 0]])
     names = {name: faces for name, faces in flat.boundaries.items() if name != "boundary"}
-    arrays = {name: getattr(flat, name) for name in flat.ARRAYS if name != "points"}
-    mesh = vx.PolyhedralMesh.unchecked(points, *arrays.values()).with_boundaries(names)
+    mesh = vx.PolyhedralMesh(points, flat.cells, boundaries=names)
     slope = drag(mesh, motion=(1.0, 0.0, 1.0))
     (layout,) = contact_faces(slope).values()
     assert layout.frame @ layout.frame.T == pytest.approx(np.eye(2), abs=1e-12)

@@ -82,9 +82,8 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
     """Rotations about the coordinate axes are not orthogonal: these axes are no principal axes of inertia."""
     block = vx.meshes.cubes(2)
     skew = block.points + np.column_stack([0 * block.points[:, :2], block.points[:, 0]])
-    arrays = {name: getattr(block, name) for name in block.ARRAYS if name != "points"}
     names = {name: faces for name, faces in block.boundaries.items() if name != "boundary"}
-    mesh = vx.PolyhedralMesh.unchecked(skew, *arrays.values()).with_boundaries(names)
+    mesh = vx.PolyhedralMesh(skew, block.cells, boundaries=names)
     push = vx.BodyForce(lambda x, t: [t, 0.0, 0.0])
     held = vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="top"), push), mesh, [0.0, 1.0])
     assert held.reaction("top")[-1, 0] == pytest.approx(-1.0, rel=1e-9)

@@ -412,7 +412,8 @@ def draw_two_bodies(seed):
     lower = vx.meshes.squares((n, 1), box=((x0, x1), (2 * y0 - y1, y0)))
     lower = lower.with_cell_data("hard", np.ones(n)).with_cell_data("soft", np.zeros(n))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper}, interfaces={"bottom": ("lower", "upper")})
-    mesh = mesh.with_boundaries({side: mesh.boundaries[f"upper.{side}"] for side in SIDES if side != "bottom"})
+    for side in (name for name in SIDES if name != "bottom"):
+        mesh = mesh.with_boundary(side, lambda x: np.full(len(x), True), of=f"upper.{side}")
     effects = [vx.Clamp(on="lower.bottom")]
     for effect in drawn.effects:
         on = getattr(effect, "on", None)

@@ -161,7 +161,7 @@ OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, v
 LEFT = {"progress", "stream", "folder", "effects"}
 """Parameters that are not tested: `progress` (any function), paths of output, and the effects of a scene."""
 METHODS = (
-    *(MESH.with_boundary, MESH.with_boundaries, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
+    *(MESH.with_boundary, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
     *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table, HISTORY.along),
 )
 SEEDED = {"distorted", "hanging", "voronoi", "prisms", "voronoi3"}

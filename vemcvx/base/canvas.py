@@ -232,26 +232,3 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     # overlap in the font size for narrow screens.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)
-
-
-def draw_faces(
-    points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
-) -> Axes:
-    """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values`` (k,)."""
-    if ax is None:
-        ax = new_figure().add_subplot(projection="3d")
-    from matplotlib.cbook import normalize_kwargs
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    polygons = np.split(points[vertices], offsets[1:-1])
-    given = {**CELL_STYLE, **normalize_kwargs(dict(style), Poly3DCollection)}
-    colours = {f"{name}s": given.pop(name) for name in ("facecolor", "edgecolor")}
-    faces = Poly3DCollection(polygons, **{"shade": values is None, **colours, **given})
-    ax.add_collection(faces)
-    low, high = points.min(axis=0), points.max(axis=0)
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), xlabel="x", ylabel="y", zlabel="z")
-    ax.set_box_aspect(high - low)
-    if values is not None:
-        faces.set_array(values)
-        ax.figure.colorbar(faces, ax=ax, shrink=0.6, pad=0.12)
-    return ax

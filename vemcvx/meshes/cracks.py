@@ -34,7 +34,6 @@ from vemcvx.meshes.polyhedra import join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
-CRACK_WORDS = {"edges": ("edge", "both ends", "two edges long"), "faces": ("face", "all its nodes", "two faces wide")}
 
 
 def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
@@ -46,8 +45,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
     vertices = np.where(np.repeat(swapped, np.diff(offsets)), vertices[backwards(offsets)], vertices)
     opened, (first, second) = one[cells[:, 0]] & other[cells[:, 1]], sides
     if not opened.any():
-        part = CRACK_WORDS[mesh.PARTS][0]
-        raise MeshError(f"cut: the cells of {first!r} and {second!r} have no {part} in common; give neighbours.")
+        raise MeshError(f"cut: the cells of {first!r} and {second!r} have no {mesh.PARTS} in common; give neighbours.")
     rows, nodes = mesh.cell_nodes
     keys = cell_of_corner(rows) * mesh.n_nodes + nodes
 
@@ -109,9 +107,8 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
     closed = np.flatnonzero((lip == other).all(axis=1))
     if len(closed):
         row = lip[closed[0]]
-        at = mesh.points[origin[row[row >= 0]]].mean(axis=0)
-        side, where, size = CRACK_WORDS[mesh.PARTS]
+        at = coordinates(mesh.points[origin[row[row >= 0]]].mean(axis=0), 6)
         raise MeshError(
-            f"cut: the {side} at {coordinates(at, 6)} has a crack tip at {where} and cannot open. A crack "
-            f"inside a body must be at least {size}: refine the mesh, or take more cells."
+            f"cut: {mesh.A_PART} at {at} has crack tips at all its nodes and cannot open. A crack inside a body must "
+            f"be at least two {mesh.PARTS} wide: refine the mesh, or take more cells."
         )

@@ -63,21 +63,19 @@ def check_interfaces(
 ) -> dict[str, Interface]:
     """Return interfaces with checked rows of node numbers, or raise MeshError."""
     found = {}
+    wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
-        bodies = tuple(given.bodies) if isinstance(getattr(given, "bodies", None), (tuple, list)) else ()
-        if len(bodies) != 2 or not all(isinstance(body, str) for body in bodies):
+        bodies: Any = getattr(given, "bodies", None)
+        sides = (getattr(given, field, None) for field in ("edges", "partners"))
+        edges, partners = map(plain, sides)
+        two = isinstance(bodies, (tuple, list)) and [isinstance(body, str) for body in bodies] == [True, True]
+        if not two or edges is None or partners is None or not _are_rows(edges, partners, n_nodes, dimension):
             raise MeshError(
-                f"interface {name!r} must be an Interface with the names of two bodies; got {brief(given)}."
+                f"interface {name!r} must be an Interface with the names of two bodies; edges and partners must be "
+                f"nodes 0 to {n_nodes - 1} in arrays of one shape {wanted}; got {brief(given)}."
             )
-        edges, partners = plain(given.edges), plain(given.partners)
-        if edges is None or partners is None or not _are_rows(edges, partners, n_nodes, dimension):
-            wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
-            raise MeshError(
-                f"interface {name!r}: edges and partners must be nodes 0 to {n_nodes - 1} in arrays of one shape "
-                f"{wanted}; got {brief(given.edges)} and {brief(given.partners)}."
-            )
-        found[name] = Interface(bodies, edges.astype(np.int64), partners.astype(np.int64))
+        found[name] = Interface(tuple(bodies), edges.astype(np.int64), partners.astype(np.int64))
     return found
 
 

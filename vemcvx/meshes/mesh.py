@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -300,27 +300,11 @@ class Mesh(ABC):
         parts, middles = self._boundary[some], self._middles[some]
         return self._with_named({name: read_only(parts[select_parts(name, predicate, middles, self.PARTS)])})
 
-    def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
-        """Return this mesh with more named parts of its boundary.
-
-        Parameters
-        ----------
-        boundaries : mapping of str to array_like
-            Name -> edges (m, 2), in either direction. In space: name -> numbers (m,) of faces, or a row of vertices,
-            in any order, for each face.
-
-        Raises
-        ------
-        MeshError
-            A name is reserved or belongs to an interface, or an edge or face is not on the boundary.
-        """
-        return self._with_named(self._check_parts(boundaries))
-
     def _with_named(self, added: Mapping[str, Ints]) -> Self:
-        taken = [name for name in added if name in self.interfaces]
-        if taken:
-            raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
-        return self._replace(_named={**self._named, **added})
+        for name in map(check_name, added):
+            if name in self.interfaces:
+                raise MeshError(f"{name!r} is an interface of this mesh; choose another name.")
+        return self._replace(_named={**self._named, **{name: read_only(parts) for name, parts in added.items()}})
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with cell data `values` (n_cells, ...), which replace data of the same name.
@@ -412,22 +396,17 @@ class Mesh(ABC):
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
         """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the inverse.
 
+        Points keep their order. Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names
+        of boundaries, and cell data of zeros and ones as subdomains; they keep no other data and no interfaces.
+
         Parameters
         ----------
         library : {"meshio", "skfem", "pyvista"}
-            Name of the library. Points keep their order.
+            Name of the library.
 
         Returns
         -------
-        meshio.Mesh
-            Blocks of cells of one kind, then blocks of boundary lines (in space: triangles or quadrilaterals). The cell
-            datum "boundary:<name>" is 1 on a named boundary. If blocks permute the cells, the datum "vemcvx:cell" has
-            their original numbers.
-        skfem.MeshTri, MeshQuad, MeshTet or MeshHex
-            Named boundaries are kept; cell data of zeros and ones become subdomains.
-        pyvista.UnstructuredGrid
-            Cells keep their order and data. The field datum "boundary:<name>" has the nodes of each edge or face of a
-            named boundary, in space padded with -1.
+        meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, or pyvista.UnstructuredGrid
 
         Raises
         ------
@@ -435,11 +414,6 @@ class Mesh(ABC):
             The library is not supported, or cannot hold these cells (scikit-fem needs cells of a single kind).
         VemcvxError
             The library is not installed.
-
-        Warns
-        -----
-        MeshWarning
-            scikit-fem keeps no interfaces, and no cell data other than zeros and ones.
         """
         from vemcvx.meshes.io.objects import to_object
 

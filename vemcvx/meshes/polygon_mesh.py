@@ -247,7 +247,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     # the first two faces of a cell are its bottom and its top
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
-    solid = solid.with_boundaries(parts)
+    solid = solid._with_named(parts)
     for name, values in mesh.cell_data.items():
         solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}

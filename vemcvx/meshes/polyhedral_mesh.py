@@ -12,17 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import Floats, Ints, brief, plain, read_only
-from vemcvx.base.canvas import draw_faces
-from vemcvx.base.errors import MeshError
-from vemcvx.meshes import polygons, polyhedra
-from vemcvx.meshes.box import points_to_plot, values_to_plot
+from vemcvx.base.arrays import Floats, Ints, plain, read_only
+from vemcvx.meshes import polyhedra
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.mesh import Mesh, Sides
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -189,44 +186,3 @@ class PolyhedralMesh(Mesh):
             return super()._parts(name, given, number)
         place = np.minimum(np.searchsorted(self._boundary, faces), len(self._boundary) - 1)
         return np.where(self._boundary[place] == faces, place, -1), [f"face {face}" for face in faces.tolist()]
-
-    def plot(
-        self,
-        values: str | ArrayLike | None = None,
-        ax: Axes | None = None,
-        *,
-        displacement: ArrayLike | None = None,
-        on: str = "boundary",
-        **style: object,
-    ) -> Axes:
-        """Draw the faces of the boundary, coloured by ``values`` of their cells if given.
-
-        Parameters
-        ----------
-        values, ax, displacement : as in `PolygonMesh.plot`
-            Here the axes are three-dimensional.
-        on : str
-            The part of the boundary to draw.
-        **style
-            Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
-
-        Raises
-        ------
-        VemcvxError, MeshError
-            As `PolygonMesh.plot`, or there is no boundary ``on``, or ``ax`` is not three-dimensional.
-        """
-        if not isinstance(on, str) or on not in self.boundaries:
-            raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")
-        if ax is not None and getattr(ax, "name", "") != "3d":
-            raise MeshError(f"ax must be axes in space, figure.add_subplot(projection='3d'); got {brief(ax)}.")
-        faces = self.boundaries[on]
-        offsets, vertices = polygons.rows_in_order(self.face_offsets, self.face_vertices, faces)
-        on_cells = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
-        return draw_faces(
-            points_to_plot(self.points, displacement),
-            offsets,
-            vertices,
-            values=None if on_cells is None else on_cells[self.face_cells[faces, 0]],
-            ax=ax,
-            style=style,
-        )

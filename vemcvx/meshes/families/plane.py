@@ -20,7 +20,6 @@ from vemcvx.meshes.box import (
     check_box,
     check_total,
     check_whole,
-    is_list,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import offsets_of
@@ -287,8 +286,7 @@ def l_shape(
     Parameters
     ----------
     n : int or (int, int)
-        As in `squares`, but the numbers of cells are rounded to even numbers, so that the re-entrant corner is a node.
-        The numbers of a pair (nx, ny) must be even.
+        As in `squares`; odd numbers of cells are rounded up, so that the re-entrant corner is a node.
     box : ((x0, x1), (y0, y1))
         The rectangle around the L; its upper right quarter is left out.
     seed, size : as in `squares`
@@ -299,22 +297,13 @@ def l_shape(
         Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
         and "inner_top". The last two, with normals to the right and upwards, meet in the re-entrant corner.
 
-    Raises
-    ------
-    MeshError
-        As `squares`, or a pair (nx, ny) is not even.
-
     Examples
     --------
     >>> vx.meshes.l_shape(4).n_cells
     12
     """
     rectangle = check_box(box)
-    nx, ny = cell_counts(n, rectangle, size)
-    if not is_list(n):
-        nx, ny = 2 * max(1, round(nx / 2)), 2 * max(1, round(ny / 2))
-    elif nx % 2 or ny % 2:
-        raise MeshError(f"n must be even numbers of cells, so that the re-entrant corner is a node; got ({nx}, {ny}).")
+    nx, ny = (count + count % 2 for count in cell_counts(n, rectangle, size))
     points, corners = square_grid(nx, ny, rectangle)
     column, row = np.tile(np.arange(nx), ny), np.repeat(np.arange(ny), nx)
     corners = corners[(column < nx // 2) | (row < ny // 2)]

@@ -101,7 +101,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
     if sides:
-        mesh = mesh.with_boundaries(sides)
+        mesh = mesh._with_named(sides)
         notes = [*notes, f"no part of the boundary has a name; by position, sides are named {', '.join(sides)}."]
     for note in [*(str(warning.message) for warning in caught if warning.category is MeshWarning), *notes]:
         warnings.warn(f"{subject}: {note}", MeshWarning, stacklevel=4)
@@ -359,4 +359,4 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) ->
             alone.append(repr(name))
     if alone:
         notes.append(f"the nodes of {', '.join(alone)} do not contain all nodes of {mesh.A_PART} of the boundary.")
-    return mesh.with_boundaries(boundaries), notes
+    return mesh._with_named(boundaries), notes

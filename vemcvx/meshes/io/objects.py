@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vemcvx.base.arrays import brief
-from vemcvx.base.errors import MeshError, MeshWarning, VemcvxError
+from vemcvx.base.errors import MeshError, VemcvxError
 from vemcvx.meshes.interfaces import pad_rows
 from vemcvx.meshes.io.blocks import from_meshio, to_meshio
 from vemcvx.meshes.io.grid import (
@@ -52,8 +51,8 @@ def from_skfem(mesh: Any) -> Grid:
     return grid
 
 
-def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
-    """Return a mesh of scikit-fem, and the names of cell data that are lost."""
+def to_skfem(mesh: AnyTessellation) -> Any:
+    """Return a mesh of scikit-fem, without interfaces and cell data other than zeros and ones."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells
@@ -69,7 +68,7 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
         if not name.startswith(PARTNERS)
     }
     sets = {name: np.flatnonzero(x) for name, x in mesh.cell_data.items() if x.ndim == 1 and np.isin(x, (0, 1)).all()}
-    return skfem.io.meshio.from_meshio(theirs).with_subdomains(sets), sorted(set(mesh.cell_data) - set(sets))
+    return skfem.io.meshio.from_meshio(theirs).with_subdomains(sets)
 
 
 def from_pyvista(data: Any) -> Grid:
@@ -128,18 +127,7 @@ def to_object(mesh: AnyTessellation, library: str) -> Any:
     try:
         if library == "meshio":
             return to_meshio(grid_of(mesh))
-        if library == "pyvista":
-            return to_pyvista(mesh)
-        made, lost = to_skfem(mesh)
+        return to_pyvista(mesh) if library == "pyvista" else to_skfem(mesh)
     except ImportError:
         package = {"skfem": "scikit-fem", "pyvista": "'vemcvx[view]'"}[library]
         raise VemcvxError(f"this needs {LIBRARIES[library]}, which is not installed: pip install {package}") from None
-    notes = []
-    if lost:
-        notes.append(f"keep only cell data of zeros and ones, not {', '.join(map(repr, lost))}.")
-    if mesh.interfaces:
-        names = ", ".join(map(repr, mesh.interfaces))
-        notes.append(f"keep no interfaces: the {mesh.PARTS} of the first body of {names} become boundaries.")
-    for note in notes:
-        warnings.warn(f"meshes of scikit-fem {note}", MeshWarning, stacklevel=3)
-    return made

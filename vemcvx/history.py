@@ -18,7 +18,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.base.outline import Lines, Outline, Outlined, count_steps
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
-from vemcvx.results.probe import Profile, places, profile
+from vemcvx.results.probe import probe
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.sections import Section, mean, section
@@ -39,20 +39,18 @@ class History(Results, Outlined):
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     scene : Scene or None
-        None if the history was joined from stages, or read from files, which do not keep the functions of a scene.
+        None if the history was joined from stages, or read from files.
     effects : tuple of str
         The effects of the scene in words.
     displacement : (S, n_nodes, dim)
         Nodal displacements.
     forces : (S, n_nodes, dim)
-        Nodal forces of supports, contact and friction on the body: A u - f, with the stiffness A and the loads f. With
-        a viscosity matrix A_1, they are A u + A_1 du/dt - f, except at the initial instant.
+        Nodal forces of supports, contact and friction on the body (:mod:`vemcvx.results.forces`).
     contact : Contact
     acting : BoundaryForces
-        The forces of each effect on the nodes of its boundaries (:mod:`vemcvx.results.forces`).
+        The forces of each effect on the nodes of its boundaries.
     moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells)
-        Lame's lambda (reduced in plane stress) and mu. If some cell is anisotropic, and in bodies of revolution, they
-        are the upper triangle of the elastic matrix, row by row (:mod:`vemcvx.vem.tensors`).
+        Lame's lambda (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row.
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
     seconds : dict
@@ -60,12 +58,11 @@ class History(Results, Outlined):
     prestress : (S, n_cells, 3, 4 or 6) or None
         Stresses at zero strain, caused by eigenstrains and prestress.
     out_of_plane : (n_cells, 3) or None
-        Out-of-plane stresses zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material does not give zz.
+        Stresses zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material does not give zz.
     out_of_plane_prestress : (S, n_cells) or None
         The part of the stress zz that eigenstrains cause.
     inactive : tuple of str
-        A sentence for each effect of the scene that has no influence on this run; if nothing holds the body, also a
-        sentence on the mean motion.
+        A sentence for each effect without influence on this run, and on the mean motion if nothing holds the body.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time" and their sum "total"; "target" if given.
     sides : Sides or None
@@ -77,23 +74,21 @@ class History(Results, Outlined):
     dissipated_error, work_error : (N + 1,) or None
         With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
-        With ``simulate(..., bound=True)``: guaranteed bounds "upper" and "lower" on the mesh error of step "step" in
-        the energy norm; the state before this step counts as exact (:func:`vemcvx.error_bound`). No other step has a
-        larger upper bound. "relative" is "upper" divided by the largest energy norm of the run. If data are nonlinear,
-        "reading" is the part of "upper" that is only estimated. "kind" is the kind of bound.
+        With ``simulate(..., bound=True)``: bounds "upper" and "lower" on the mesh error in the energy norm, of the step
+        with the largest upper bound, "step", given the step before (:func:`vemcvx.error_bound`). "relative" is "upper"
+        divided by the largest energy norm of the run, "reading" the estimated part of "upper", and "kind" its kind.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
-        With `bound`: lower and upper bounds on the force of a support that moves a boundary, along the axis of the
-        largest motion; NaN if unknown.
+        With `bound`: bounds on the force of a support that moves a boundary; NaN if unknown.
     bounded_force : dict or None
         The boundary and the axis of `force_bounds`, such as {"top": 0}.
     stabilisation : vx.Stabilisation or None
         The stabilisation S_K of the discrete energy a^h; None after reading files if the user defined its class.
     units : dict of str to str, or None
-        Names of units, such as {"length": "mm"}: UNITS of the problem file (:mod:`vemcvx.plots.style`).
+        Names of units, such as {"length": "mm"}.
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
         The kind of the argument `initial` of :func:`vemcvx.simulate`; "given" for nodal values, or after reading files.
 
@@ -112,41 +107,22 @@ class History(Results, Outlined):
         """Return a history of these results."""
         return cls(begins=begins, **{field.name: getattr(results, field.name) for field in fields(Results)})
 
-    def probe(self, points: ArrayLike) -> Floats:
-        """Return the displacements (S, p, dim) at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
-
-        Displacements are linear on edges, piecewise linear on faces, and inside cells the projection Pi u of (3.11).
-
-        Raises
-        ------
-        SceneError
-            A point lies outside the body, or `points` is no array of points.
-        """
-        return places(self.mesh, points, "probe").at_nodes(self.displacement)
-
-    def along(self, start: ArrayLike, end: ArrayLike, count: int = 101, field: str = "displacement") -> Profile:
-        """Return a field along a straight line, at all stored steps.
+    def probe(self, points: ArrayLike, field: str = "displacement") -> Floats:
+        """Return a field (S, p, ...) at any points (p, dim) of the body, at all stored steps.
 
         Parameters
         ----------
-        start, end : (dim,) points
-            Points of the body; all points between them must also lie in the body.
-        count : int
-            The number of evenly spaced points, both ends included; at least 2.
+        points : (p, dim) array
+            ``np.linspace(start, end, 101)`` are points of a line.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Displacements are computed as by `probe`. Stresses are constant on cells, and averaged where cells meet.
-
-        Returns
-        -------
-        Profile
-            ``arc, values = history.along(...)``: distances (count,) from the start, and values (S, count, ...).
+            Stresses are constant on cells, and averaged where cells meet (:mod:`vemcvx.results.probe`).
 
         Raises
         ------
         SceneError
-            The line leaves the body, or an argument is invalid.
+            A point lies outside the body, or an argument is invalid.
         """
-        return profile(self, start, end, count, field)
+        return probe(self, points, field)
 
     def section(self, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None = None) -> Section:
         """Return the force and the moment across a plane through the body, at all stored steps.
@@ -162,8 +138,7 @@ class History(Results, Outlined):
         -------
         Section
             ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
-            (S, 3), that the part ahead exerts on the part behind. On every mesh, `force` balances all other forces on
-            either part, and `moment` their moments. The loads of a cut cell act at the nodes of this cell.
+            (S, 3), that the part ahead exerts on the part behind. They balance all other forces on either part.
 
         Raises
         ------
@@ -188,7 +163,7 @@ class History(Results, Outlined):
         Parameters
         ----------
         field : str
-            As for `along`; the mean displacement is the mean of Pi u.
+            As for `probe`; the mean displacement is the mean of Pi u.
         on : str or sequence of str, optional
             As for `section`: names of cell data.
 
@@ -218,13 +193,7 @@ class History(Results, Outlined):
         return table(self, name)
 
     def to_pandas(self, name: str = "steps") -> DataFrame:
-        """Return the table that :meth:`table` returns, as a DataFrame of pandas.
-
-        Raises
-        ------
-        VemcvxError
-            pandas is not installed, or :meth:`table` raises this error.
-        """
+        """Return the table that :meth:`table` returns, as a DataFrame of pandas."""
         return frame(table(self, name))
 
     def to_xarray(self) -> Dataset:
@@ -232,11 +201,6 @@ class History(Results, Outlined):
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
         ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. The attributes of arrays have their "units".
-
-        Raises
-        ------
-        VemcvxError
-            xarray is not installed.
         """
         return dataset(self)
 
@@ -321,8 +285,7 @@ def joined(histories: Sequence[History]) -> History:
     """Return stages as one history, with tables, pictures, films and files like any other history.
 
     A stage is a run that begins where the run before it ended: ``simulate(scene2, mesh, times2, initial=history1)``.
-    Steps are numbered consecutively. Slip, wear, work and dissipated energy add up over the stages. Bounds and
-    estimated errors of stages are left out; `scene` is None.
+    Slip, wear, work and dissipated energy add up over the stages. Bounds and estimated errors are left out.
 
     Parameters
     ----------

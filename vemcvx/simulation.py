@@ -180,9 +180,8 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     """Return `times` together with the instants inside steps at which data bend, turn or jump.
 
-    Backward Euler misses the extreme value of a load that reverses inside a step. With friction, all later results are
-    then wrong. Data are sampled at least 256 times per run, and in the middle of each step. A change that begins and
-    ends between two samples is not found.
+    Backward Euler misses the extreme value of a load that reverses inside a step. Data are sampled at least 256 times
+    per run, and in the middle of each step.
 
     Parameters
     ----------
@@ -312,12 +311,8 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    This is (2.11) and (3.26) of the paper: a is the form of the elastic energy, and a^h its discrete form on the
-    virtual element space V^h. The computed a(u_0, v) is exact for linear u_0; otherwise its error is O(h).
-
-    Condition (2.1) is a(u_0, v) + j(v) >= <l(0), v> for all v, with friction functional j and loads l. If u_0 obeys
-    (2.1), then P^h u_0 obeys it on the mesh up to O(h). A step at times[0] from P^h u_0 gives the initial state, which
-    obeys (2.1) exactly. A warning is issued if this step is large: then u_0 violates (2.1), or h is too large.
+    This is (2.11) and (3.26) of the paper. A step at times[0] from P^h u_0 gives the initial state, which obeys (2.1)
+    on the mesh. A warning is issued if this step is large: then u_0 violates (2.1), or h is too large.
 
     Parameters
     ----------

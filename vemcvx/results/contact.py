@@ -117,12 +117,11 @@ class Contact(ArrayRecord):
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return the position (k,) of the pair (node, partner) of each row, in either order; -1 for unknown pairs."""
+        """Return the position (k,) of the pair (node, partner) of each row; -1 for unknown pairs."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
-        pairs, joined = pair_numbers(self.nodes, self.partners, largest), rows.partners >= 0
-        swapped = np.where(joined, rows.partners, rows.nodes), np.where(joined, rows.nodes, rows.partners)
-        at = find_in(pairs, pair_numbers(rows.nodes, rows.partners, largest))
-        return np.where(at >= 0, at, find_in(pairs, pair_numbers(*swapped, largest)))
+        return find_in(
+            pair_numbers(self.nodes, self.partners, largest), pair_numbers(rows.nodes, rows.partners, largest)
+        )
 
     @property
     def has_friction(self) -> bool:

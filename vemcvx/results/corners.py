@@ -9,9 +9,8 @@ singularities resulting from various boundary conditions in angular corners of p
 - if two sides of the same kind meet at more than 180 degrees, at a reentrant corner,
 - if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
-Whether stress grows also depends on the load, and on whether contact with friction slips. Where bodies meet in a
-corner, their angles add up. Corners between materials, jumps of loads or displacements, and edges and corners in space
-are not examined.
+Where bodies meet in a corner, their angles add up. Corners between materials, jumps of loads or displacements, and
+edges and corners in space are not examined.
 """
 
 from __future__ import annotations
@@ -42,24 +41,12 @@ SUPPORTED = "free side", "roller", "clamp"
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary (none in space), and the nodes of point loads.
+    """The conditions on the edges of the boundary (none in space), and the nodes of point loads."""
 
-    Attributes
-    ----------
-    edges : (b, 2) int
-        The nodes of each edge, with the body on its left.
-    held : (b,) int
-        The number of directions in which supports hold both ends.
-    contact : (b,) bool
-        True if the edge may touch a rigid obstacle, or belongs to the first body of an interface.
-    loaded : (q,) int or None
-        The nodes with point loads.
-    """
-
-    edges: Annotated[Ints, "sides 2", ""]
-    held: Annotated[Ints, "sides", ""]
-    contact: Annotated[Bools, "sides", ""]
-    loaded: Annotated[Ints | None, "loaded", ""] = None
+    edges: Annotated[Ints, "sides 2", ""]  # the nodes of each edge, with the body on its left
+    held: Annotated[Ints, "sides", ""]  # the number of directions in which supports hold both ends
+    contact: Annotated[Bools, "sides", ""]  # True for contact with a rigid obstacle, or of an interface's first body
+    loaded: Annotated[Ints | None, "loaded", ""] = None  # the nodes with point loads
 
     def beside(self, node: int) -> list[int]:
         """Return a node of the boundary and its neighbours on the boundary."""

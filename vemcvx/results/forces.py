@@ -49,30 +49,17 @@ NOWHERE, ACROSS = -1, -2
 class BoundaryForces(ArrayRecord):
     """The forces of effects on nodes, through the sides that meet there: q rows, S stored instants.
 
-    Attributes
-    ----------
-    causes : (q, 2) int
-        Numbers of effects in `History.effects`. A row has two effects if both act on the same side, and their forces
-        cannot be separated; otherwise the second number is -1.
-    ends : (q, 2) int
-        The node, and the other node of the side, or in space the number of the face. The second number is -1 if the
-        force belongs to no side, and -2 for forces on the other body of an interface.
-    held : (q,) bool
-        True for forces of supports, False for forces of contact, friction and springs.
-    force : (S, q, dim)
-        Forces on the body.
-    loads : (S, L, dim)
-        The total force of each of the L loads.
-    load_causes : (L,) int
-        The number in `History.effects` of each load.
+    `causes` (q, 2) are numbers of effects in `History.effects`; the second number is -1, unless two effects act on the
+    same side and their forces cannot be separated. `ends` (q, 2) are the node, and the other node of the side, or in
+    space the number of the face, or NOWHERE or ACROSS.
     """
 
     causes: Annotated[Ints, "acting 2", ""]
     ends: Annotated[Ints, "acting 2", ""]
-    held: Annotated[Bools, "acting", ""]
+    held: Annotated[Bools, "acting", ""]  # True for forces of supports, False for contact, friction and springs
     force: Annotated[Floats, "S acting dim", "force"]
-    loads: Annotated[Floats, "S loads dim", "force"]
-    load_causes: Annotated[Ints, "loads", ""]
+    loads: Annotated[Floats, "S loads dim", "force"]  # the total force of each of the L loads
+    load_causes: Annotated[Ints, "loads", ""]  # the number in `History.effects` of each load
 
     def through(self, names: Ints) -> Bools:
         """Return True (q,) for the rows of `ends` that are among the `names` (e, 2)."""

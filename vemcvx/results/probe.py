@@ -1,4 +1,4 @@
-"""Results at any points of the body, and along lines.
+"""Results at any points of the body.
 
 The computed displacement u_h is linear on edges between their nodes, and piecewise linear on faces of polyhedra. Inside
 a cell u_h is unknown, and its projection Pi u_h of (3.11) replaces it. Fields that are constant on cells are averaged
@@ -8,24 +8,12 @@ over all cells that contain the point. In the plane, a point lies on a side if t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import (
-    ROUNDING,
-    Floats,
-    Ints,
-    as_real_array,
-    brief,
-    choice,
-    finite,
-    is_whole,
-    one_point,
-    shape_in_words,
-)
+from vemcvx.base.arrays import ROUNDING, Floats, Ints, as_real_array, choice, finite, shape_in_words
 from vemcvx.base.errors import SceneError
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons import TOLERANCE, cell_of_corner, find_containing, next_vertex, outlines, overlapping_boxes
@@ -135,34 +123,10 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
 FIELDS = "displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"
 
 
-class Profile(NamedTuple):
-    """A field along a line.
-
-    Attributes
-    ----------
-    arc : (count,) array
-        Distances from the start of the line.
-    values : (S, count, ...) array
-        One row per stored step.
-    """
-
-    arc: Floats
-    values: Floats
-
-
-def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
-    """Return a field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
-    choice(field, "along", "field", FIELDS)
-    if not is_whole(count) or not 2 <= count <= 10**7:
-        raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
-    dim = history.mesh.points.shape[1]
-    first, last = (one_point(point, dim, name) for point, name in ((start, "along: start"), (end, "along: end")))
-    length = float(np.linalg.norm(last - first))
-    if length == 0.0:
-        raise SceneError(f"along: the line begins and ends at {first}; use probe for a single point.")
-    at = places(history.mesh, np.linspace(first, last, count), "along")
+def probe(history: Results, points: ArrayLike, field: str) -> Floats:
+    """Return a field of a history at points: see :meth:`vemcvx.History.probe`."""
+    choice(field, "probe", "field", FIELDS)
+    at = places(history.mesh, points, "probe")
     if field == "displacement":
-        values = at.at_nodes(history.displacement)
-    else:
-        values = np.stack([at.at_cells(getattr(history, field)(int(step))) for step in history.stored])
-    return Profile(np.linspace(0.0, length, count), values)
+        return at.at_nodes(history.displacement)
+    return np.stack([at.at_cells(getattr(history, field)(int(step))) for step in history.stored])

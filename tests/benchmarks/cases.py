@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,9 +16,6 @@ import vemcvx as vx
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 HEAD = """
 import statistics, sys, time
@@ -46,7 +42,6 @@ out = dict(seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu, st
            unknowns=h.trajectory.state.shape[1], certified=float(h.trajectory.certificate.max()),
            **{{name: h.seconds[name] for name in ("assemble", "prepare", "solve")}})
 """
-LABEL = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
 LINEAR = {"SuperLU": "vx.SuperLU()", "PARDISO": "vx.Pardiso()"}
 
 
@@ -164,12 +159,10 @@ def measure_imports() -> list[Row]:
     return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "reference + 0.6 s")]
 
 
-def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
-    """Draw ratios as dots, and below them time and memory against unknowns."""
-    figure = new_figure(9.4, 8.8)
-    above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
-    draw_ratios(above.subplots(), rows)
-    time, memory = below.subplots(1, 2)
+def draw_picture(growths: dict[str, list[dict]], path: Path) -> None:
+    """Draw time and memory against unknowns."""
+    figure = new_figure(9.4, 3.2)
+    time, memory = figure.subplots(1, 2)
     for (name, growth), colour, mark in zip(growths.items(), SERIES, MARKERS, strict=False):
         unknowns = np.array([row["unknowns"] for row in growth])
         for ax, what in ((time, "seconds"), (memory, "peak_gb")):
@@ -186,29 +179,3 @@ def draw_picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) ->
         light_grid(ax)
         ax.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=100)
-
-
-def draw_ratios(ax: Axes, rows: list[Row]) -> None:
-    """Draw the ratio of each row as a dot; rows with the same reference form a group."""
-    shown = [row for row in rows if not row.name.startswith("growth")]
-    places, names, heads = [], [], []
-    for row, before in zip(shown, [None, *shown], strict=False):
-        if before is None or row.reference != before.reference:
-            heads.append((len(names), f"against {row.reference}"))
-            names.append("")
-        places.append(len(names))
-        names.append(row.name)
-    ax.plot([row.ratio for row in shown], places, "o", color=SERIES[0], markersize=5)
-    for place, row in zip(places, shown, strict=True):
-        style = {"textcoords": "offset points", "va": "center", "fontsize": 9, "bbox": LABEL}
-        ax.annotate(f"{row.ratio:.3g}", (row.ratio, place), (6, 0), **style)
-    for place, head in heads:
-        ax.axhspan(place - 0.5, place + 0.5, color="0.92", linewidth=0)
-        ax.text(0.01, place, head, transform=ax.get_yaxis_transform(), va="center", fontsize=9, style="italic")
-    ax.axvline(1.0, color="0.4", linewidth=0.8)
-    ax.set_yticks(range(len(names)), names, fontsize=9)
-    ax.tick_params(axis="y", length=0)
-    ax.set(xscale="log", xlabel="time as a multiple of the reference", ylim=(len(names) - 0.5, -0.5))
-    ax.set_title("Ratios, measured side by side", fontsize="medium")
-    ax.set_xlim(right=8 * max(row.ratio for row in shown))
-    light_grid(ax, axis="x")

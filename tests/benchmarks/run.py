@@ -48,7 +48,7 @@ def main() -> None:
         writer = csv.DictWriter(file, fieldnames=["linear", *growths["SuperLU"][0]])
         writer.writeheader()
         writer.writerows({"linear": name, **one} for name, growth in growths.items() for one in growth)
-    cases.draw_picture(rows, growths, arguments.out / "benchmarks.png")
+    cases.draw_picture(growths, arguments.out / "benchmarks.png")
     print(f"measured side by side\n{table.text()}\nwritten to {arguments.out}")
     if arguments.page:
         write_page(table, arguments.out / "benchmarks.png")

@@ -23,11 +23,6 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     locked = mesh.centroids[:, 0] < bar.LENGTH - bar.slip_length() - 2 * bar.HEIGHT
     blocked = bar.YOUNG * bar.EXPANSION * bar.RISE
     assert np.abs(history.stress(8)[locked] - [-blocked, 0.0, 0.0]).max() < 0.005 * blocked
-    # The middle bears the blocked force, and all nodes beyond the slip length stick.
-    sticks = history.contact.sticking[8] & (history.contact.points[:, 0] > 0)
-    reach = bar.LENGTH - history.contact.points[sticks, 0].max()
-    assert reach == pytest.approx(bar.slip_length(), rel=0.05)
-    assert history.reaction("left")[8, 0] == pytest.approx(blocked * bar.HEIGHT, rel=0.005)
     assert history.certificate.max() < 1e-8
 
 

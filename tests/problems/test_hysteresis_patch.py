@@ -81,14 +81,3 @@ def test_stick_slip_and_tractions_are_exact(family):
     shear = np.where(slips, np.sign(np.append(0.0, np.diff(a))) * G, MU * gamma)
     assert np.abs(history.contact.traction[:, :, 0] + shear[:, None]).max() < 1e-10 * G
     assert np.abs(history.contact.pressure).max() < 1e-10 * G
-
-
-@pytest.mark.long
-def test_conic_solvers_find_the_closed_form():
-    mesh = small("voronoi", 3, box=((0, L), (0, H)))
-    _, _, loss = closed_form()
-    for solver in (vx.Clarabel(), vx.OSQP()):
-        history = vx.simulate(scene(), mesh, TIMES, solver=solver)
-        # In each step the energy norm of the error may be `accuracy` times |u|_a. The loss is linear in the slip.
-        scale = np.sqrt(2 * history.energy.max())
-        assert abs(history.dissipated[-1] - loss[-1]) < len(TIMES) * solver.accuracy * scale * np.sqrt(loss[-1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import bolted_joint
 import gallery
 import limit_load
 import shakedown
@@ -48,22 +47,6 @@ def test_the_mechanism_of_a_plate_is_a_turn_and_steps_find_equilibrium_only_belo
     )
 
 
-def test_a_bolted_joint_bears_the_friction_of_its_bolt_unless_a_guide_wedges_it():
-    scene, mesh = bolted_joint.scene().without(vx.Traction), bolted_joint.mesh(2)
-    pull = vx.Traction((1.0 / bolted_joint.HEIGHT, 0.0), on="upper.right")
-    # The bolt presses with 60 MPa on 30 mm.
-    free = vx.limit_load(scene.without(vx.PrescribedDisplacement), mesh, pull)
-    assert free.factor == pytest.approx(bolted_joint.FRICTION * 60e6 * 0.03, rel=1e-8)
-    assert vx.limit_load(scene, mesh, pull).factor > 5 * free.factor
-
-
-def test_limits_of_meshes_approach_the_integral_over_the_plate():
-    exact, _ = limit_load.plate_limit()
-    away = [limit_load.find_plate_limit(limit_load.mesh(n)).factor / exact - 1.0 for n in (2, 4, 8)]
-    assert np.diff(np.abs(away)).max() < 0
-    assert abs(away[-1]) < 0.004
-
-
 def test_melan_and_koiter_meet_at_the_closed_forms():
     for scene, mesh, times, exact in (
         (shakedown.scene(1.0), shakedown.mesh(3), shakedown.CYCLE, shakedown.shear_factor()),
@@ -73,13 +56,6 @@ def test_melan_and_koiter_meet_at_the_closed_forms():
         found = vx.shakedown(scene, mesh, times)
         assert found.factor == pytest.approx(exact, rel=1e-8)
         assert found.upper == pytest.approx(exact, rel=1e-8)
-
-
-def test_a_free_top_has_its_shakedown_factor_at_the_limit_load():
-    """Here (g_0 + g_1) / (2 T) < 2 g_0 / T (symbols of shakedown.py), so the factor is the factor of the limit load."""
-    mesh, load = shakedown.mesh(3), vx.Traction((shakedown.SHEAR, 0.0), on="top")
-    limit = vx.limit_load(shakedown.free_scene(0.0).without(vx.Traction), mesh, load)
-    assert limit.factor == pytest.approx(shakedown.free_factor(), rel=1e-8)
 
 
 def test_in_100_cycles_slip_stops_below_the_factor_and_goes_on_above():

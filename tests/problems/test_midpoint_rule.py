@@ -38,17 +38,6 @@ def test_both_rules_have_order_one_if_slip_begins_during_the_run(found):
     np.testing.assert_allclose(orders(second), 1.0, atol=0.02)
 
 
-def test_forces_of_the_midpoint_rule_oscillate_for_ever():
-    """Under a pull that grows by 1/3 per step, forces at the ends of steps alternate: 1/9 above and below the bound."""
-    times = np.linspace(0, 100, 301)
-    sole, middles = lesson.midpoint(lambda t: np.array([t, 0.0]), times, (-1 / 9, 0.0))
-    beyond = times - sole[:, 0] - 1.0
-    np.testing.assert_allclose(np.abs(beyond[10:]), 1 / 9, atol=1e-12)
-    assert (beyond[10:-1] * beyond[11:] < 0).all()
-    z = 0.5 * (times[1:] + times[:-1]) - middles[:, 0]
-    np.testing.assert_allclose(z[10:], 1.0, atol=1e-12)
-
-
 @pytest.mark.long
 def test_the_package_takes_the_steps_of_the_lesson():
     """A step of the midpoint rule is a half step of backward Euler, then a reflection: one convex program."""

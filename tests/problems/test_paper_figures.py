@@ -64,12 +64,3 @@ def test_our_errors_have_the_stated_digits_and_differ_from_the_printed_numbers(s
         np.testing.assert_allclose(ours, stated, rtol=5e-4)
         assert np.abs(ours / printed - 1).max() > 0.1
         assert (ours[1:] < ours[:-1]).all()
-
-
-@pytest.mark.long
-def test_triangles_of_figure_4_have_the_printed_numbers_of_nodes():
-    """A mesh of n polygons without collapsed sides has 2 n + 2 nodes."""
-    for count, fewest, most, whole, triangles, _ in figures.nodes((50, 200), seeds=3):
-        assert triangles == figures.PRINTED_NODES[count][1]
-        assert whole == 2 * count + 2
-        assert 0.97 * whole < fewest <= most <= whole

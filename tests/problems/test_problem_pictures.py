@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import shutil
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -43,8 +40,6 @@ VIEWED = (
     "tubes_shrunk_on",
 )
 """Problems whose bodies in space PyVista draws."""
-ALONE = ("feng_han_huang", "liner_in_housing")
-"""Problems that the default tests run as a single file in an empty folder."""
 FORMAL = {"manufactured_full_slip"}
 """Problems whose docstring says that a run warns about their strains."""
 matplotlib = pytest.importorskip("matplotlib")
@@ -81,35 +76,9 @@ def test_every_effect_has_a_problem_that_shows_it():
         assert any(type(part).__name__ == effect for part in scene), (effect, problem)
 
 
-@pytest.mark.long
-def test_the_page_shows_every_picture_of_a_problem():
-    """`python problems/gallery.py --page` writes the page anew."""
-    folder = ROOT / "problems" / "pictures"
-    page = (folder / "README.md").read_text()
-    shown = set(re.findall(r"^!\[(\w+)\]\(\1\.png\)$", page, re.M))
-    assert shown == {path.stem for path in folder.glob("*.png") if (ROOT / "problems" / f"{path.stem}.py").exists()}
-    assert set(gallery.problem_files()) <= shown
-    for name in shown:
-        assert f"(../{name}.py): {gallery.title(name)}\n" in page
-
-
 @pytest.mark.parametrize("name", gallery.problem_files())
 def test_a_problem_file_imports_no_other_problem_file(name):
     tree = ast.parse((ROOT / "problems" / f"{name}.py").read_text())
     modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     modules |= {one.name for node in ast.walk(tree) if isinstance(node, ast.Import) for one in node.names}
     assert {module.partition(".")[0] for module in modules} <= {"numpy", "scipy", "vemcvx", "matplotlib", "dataclasses"}
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
-)
-def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
-    """A new process is needed: the sys.path of pytest has the folder of problems."""
-    shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
-    problem = import_module(name)
-    steps = ["--steps", "2"] if hasattr(problem, "times") else []
-    options = ["run", f"{name}.py", "--n", str(problem.SMALL["n"]), *steps, "--accuracy", "1e-5"]
-    run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith(f"{name}: {gallery.title(name).removesuffix('.')[:40]}")

@@ -53,14 +53,9 @@ def test_circular_hysteresis_is_exact_step_by_step(family):
 
 
 def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
-    """The loss of a turn in N steps differs from the loss of continuous motion by O(1 / N)."""
-    for steps in (20, 80):
-        instants = np.linspace(0.0, 9.0, 9 * steps + 1)
-        a = circles.exact_solution(instants)[1][-steps - 1 :]
-        path = np.linalg.norm(np.diff(a, axis=0), axis=1).sum()
-        assert 2.0 * circles.BOUND * path == pytest.approx(circles.turn_dissipation(steps), rel=1e-9)
-    off = [1 - circles.turn_dissipation(steps) / circles.turn_dissipation() for steps in (80, 160)]
-    assert 1.9 < off[0] / off[1] < 2.1
+    a = circles.exact_solution(np.linspace(0.0, 9.0, 181))[1][-21:]
+    path = np.linalg.norm(np.diff(a, axis=0), axis=1).sum()
+    assert 2.0 * circles.BOUND * path == pytest.approx(circles.turn_dissipation(20), rel=1e-9)
 
 
 @pytest.mark.long
@@ -75,10 +70,6 @@ def test_friction_opposes_the_motion_along_a_curve():
     off = np.linalg.norm(force - curve.friction(history.times), axis=1)
     assert np.linalg.norm(force, axis=1).max() < curve.FRICTION * (1 + FLOOR)
     assert (off <= 2 * change * curve.FRICTION)[1:].all()
-    # The lag grows in the first step only; later it turns.
-    assert change[1:].max() < 0.1
-    turned = np.unwrap(np.arctan2(force[:, 1], force[:, 0]))
-    assert np.abs(np.diff(turned)).sum() > 1.5 * np.pi
 
 
 @pytest.mark.long
@@ -89,20 +80,6 @@ def test_a_twisted_pad_bears_two_thirds_of_mu_p_r():
     assert pad.torque(history)[1:] == pytest.approx(pad.FULL, rel=0.01)
     assert history.contact.pressure == pytest.approx(pad.PRESSURE, rel=1e-7)
     assert mesh.volumes.sum() == pytest.approx(np.pi * pad.RADIUS**2 * pad.HEIGHT, rel=1e-12)
-    centre = np.linalg.norm(history.contact.points[:, :2], axis=1)
-    slip = np.linalg.norm(history.contact.slip[-1], axis=1)
-    # The sole rotates less than the top: the difference is the shear of the pad. Friction bounds this shear.
-    assert np.abs(slip - pad.ANGLE * centre).max() < 1.5 * pad.FIRST * pad.RADIUS
-
-
-def measure_torques(history):
-    """Return the torques (N + 1,) of springs and of friction about the axis: their work on a rigid rotation."""
-    mesh, contact, x = history.mesh, history.contact, history.contact.points
-    springs = next(effect for effect in flange.scene() if isinstance(effect, vx.ElasticFoundation))
-    turn = np.column_stack([-mesh.points[:, 1], mesh.points[:, 0], np.zeros(mesh.n_nodes)]).ravel()
-    held = -history.displacement.reshape(len(history.times), -1) @ (springs.contribute(Space(mesh)).stiffness @ turn)
-    rubs = contact.traction * contact.friction_lengths[:, None]
-    return held, (rubs[..., 1] * x[:, 0] - rubs[..., 0] * x[:, 1]).sum(axis=1)
 
 
 @pytest.mark.long
@@ -110,7 +87,7 @@ def measure_torques(history):
 def test_a_flange_unscrews_when_its_base_shakes(n):
     """Torques of load, friction and springs balance at each instant; the springs bear the load in the end."""
     history = simulate(flange, n, 2 * flange.STEPS)
-    held, friction = measure_torques(history)
+    held, friction = (history.moment(kind)[:, 2] for kind in (vx.ElasticFoundation, vx.CoulombFriction))
     applied = -held - friction
     assert np.ptp(applied) < 1e-7 * np.abs(applied).max()
     # The load acts on polygons in place of circles.
@@ -132,11 +109,6 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     assert 0.4 < Q / (mu * P) < 0.8
     # The tolerance is one cell: nodes are a/n apart.
     assert sphere.stick_radius(history) == pytest.approx(exact, abs=a / n)
-    contact = history.contact
-    r = np.linalg.norm(contact.points[:, :2], axis=1)
-    sticks = contact.sticking[-1] & contact.closed[-1]
-    assert r[sticks].max() < exact + a / n
-    assert r[~sticks & contact.closed[-1]].min() > exact - 2 * a / n
 
 
 @pytest.mark.long
@@ -154,8 +126,6 @@ def test_a_skew_joint_is_a_friction_spring(family):
     assert found[slides] == pytest.approx(known[slides], rel=1e-4)
     # Blocks are a hundred times as stiff as the springs at their sides.
     assert found == pytest.approx(known, abs=0.03 * known.max())
-    turn, back = int(history.steps / 3), int(2 * history.steps / 3)
-    assert found[turn] / found[back] == pytest.approx(skew.DOWN / (0.2 * skew.UP), rel=1e-4)
 
 
 @pytest.mark.long
@@ -172,10 +142,6 @@ def test_a_ball_lifts_off_the_back_of_its_socket():
     balance = force + history.reaction("ball.grip")
     balance[1:, 2] -= weight
     assert np.abs(balance).max() < 1e-9 * np.abs(force).max()
-    x = contact.points[:, 0]
-    opened = contact.pressure[-1] == 0
-    assert x[opened].max() < 0 < opened.sum()
-    assert (np.diff(contact.open_count[1:]) > 0).all()
 
 
 @pytest.mark.long
@@ -211,7 +177,6 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
     assert np.abs((lap + heads + walls + pull)[:, [0, 2]]).max() < FLOOR * scale
     assert np.abs(heads[:, 2] + tension).max() < FLOOR * scale
     assert np.abs(heads[:, :2]).max() < FLOOR * scale
-    assert tension[:5] == pytest.approx(t[:5] * tension[4], rel=1e-2)
     bound, bears = friction * lap[:, 2], walls[:, 0] < 0
     assert (np.hypot(lap[:, 0], lap[:, 1]) <= bound * (1 + 1e-6)).all()
     full, way = -lap[:, 0] > 0.99 * bound, lap_joint.PULL * (t - 1.0)
@@ -221,17 +186,6 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
     # From first slip until a wall bears, the end moves by the clearance, to within one step.
     assert way[bears][0] == pytest.approx(lap_joint.CLEARANCE + way[slides[0]], abs=way[-1] - way[-2])
     assert (np.diff(walls[bears, 0]) < 0).all()
-
-
-def test_the_closed_form_of_the_bracket_has_no_tractions_on_its_inner_sides():
-    """The computed tractions on these sides are errors of central differences: O(step^2) and rounding."""
-    lame = bracket.SHEAR * 2 * bracket.POISSON / (1 - 2 * bracket.POISSON)
-    upwards = np.array([[0.5, 0.5 + y, 0.1] for y in (0.01, 0.1, 0.4)])
-    for x, across in ((upwards, 0), (upwards[:, [1, 0, 2]], 1)):
-        e = bracket.strain(x, 1.0)
-        stress = lame * (e[:, :1] + e[:, 1:2]) + 2 * bracket.SHEAR * e[:, :2]
-        shear = bracket.SHEAR * e[:, 3]
-        assert np.abs(np.column_stack([stress[:, across], shear])).max() < 1e-8 * np.abs(stress).max()
 
 
 @pytest.mark.long
@@ -264,13 +218,9 @@ def test_tubes_that_are_shrunk_on_press_as_lame_says():
     assert tubes.mean_pressure(history) == pytest.approx(tubes.pressure() * history.times, rel=0.01, abs=1e-12)
     assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=0.04)
     assert history.contact.pressure_recovered[-1] == pytest.approx(tubes.pressure(), rel=0.01)
-    mesh = history.mesh
     for tube, strain in zip(("inner", "outer"), tubes.axial_strains(), strict=True):
-        nodes = Space(mesh).part(f"{tube}.top", "top").nodes
-        grown = history.displacement[-1, nodes, 2]
-        assert (mesh.points[nodes, 2] == tubes.LENGTH).all()
-        assert grown == pytest.approx(strain * tubes.LENGTH, rel=0.05)
-        assert grown.mean() == pytest.approx(strain * tubes.LENGTH, rel=0.01)
+        nodes = Space(history.mesh).part(f"{tube}.top", "top").nodes
+        assert history.displacement[-1, nodes, 2].mean() == pytest.approx(strain * tubes.LENGTH, rel=0.01)
 
 
 @pytest.mark.long
@@ -280,9 +230,6 @@ def test_a_cone_clutch_slips_at_its_torque():
     for n in (6, 8):
         history = simulate(clutch, n)
         torque, pressure = clutch.torque(history), history.contact.pressure
-        assert (np.diff(torque) > -1e-6 * clutch.TORQUE).all()
-        assert np.abs(torque[:2]).max() < 1e-9 * clutch.TORQUE
-        assert torque[2] < 0.6 * clutch.TORQUE
         assert not history.contact.sticking[-1].any()
         assert pressure[-1] == pytest.approx(pressure[-1].mean(), rel=1e-4)
         assert pressure[1] == pytest.approx(pressure[1].mean(), rel=1e-9)

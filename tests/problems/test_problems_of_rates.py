@@ -37,13 +37,6 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 
-def test_with_free_sides_the_steady_friction_is_the_bound_at_the_speed_of_the_disc():
-    scene = brake.scene(0.1).without(vx.PrescribedDisplacement, vx.Elasticity)
-    scene = scene.with_(vx.Elasticity(brake.YOUNG, 0.3), vx.Clamp(on="top"))
-    run = vx.simulate(scene, brake.mesh(3), np.linspace(0.0, 0.8, 41))
-    assert brake.measure_friction(run)[-1] == pytest.approx(brake.bound(brake.SPEED, 0.1), rel=1e-6)
-
-
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
     """The steps obey their closed form. Sinking and loss have errors O(k); the weight does all the work."""
     errors, mesh = [], support.mesh(3)
@@ -69,34 +62,3 @@ def test_a_block_without_springs_creeps_at_a_constant_speed():
         run = vx.simulate(support.scene(spring=0.0), support.mesh(3), np.linspace(0.0, support.REST, 6))
     assert support.measure_sinking(run) == pytest.approx(support.sinking(run.times, 0.0), rel=1e-12)
     assert run.contact.pressure[1:] == pytest.approx(support.WEIGHT * support.HEIGHT)
-
-
-@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()])
-def test_other_solvers_move_a_disc_below_a_pad_at_rest(solver):
-    """The first step begins in equilibrium. The motion of the disc, and not the forces, scales its program."""
-    times = brake.times(20)
-    found, exact = (
-        vx.simulate(brake.scene(), brake.mesh(2), times, initial="settled", solver=one) for one in (solver, None)
-    )
-    assert found.certified.max() < 1e-6
-    assert brake.measure_friction(found) == pytest.approx(brake.measure_friction(exact), rel=1e-4, abs=1e-6)
-
-
-@pytest.mark.parametrize("contact", [vx.BilateralContact(on="bottom"), vx.NormalCompliance(100.0, on="bottom")])
-def test_a_run_with_friction_by_speed_goes_on_where_another_one_ended(contact):
-    mesh, times, scene = brake.mesh(2), brake.times(20), brake.scene().without(vx.BilateralContact).with_(contact)
-    whole = vx.simulate(scene, mesh, times, initial="settled")
-    first = vx.simulate(scene, mesh, times[:11], initial="settled")
-    second = vx.simulate(scene, mesh, times[10:], initial=first)
-    assert second.energy == pytest.approx(whole.energy[10:], rel=1e-9)
-    assert second.work_second_order == pytest.approx(whole.work_second_order[10:], rel=1e-9)
-    assert second.displacement == pytest.approx(whole.displacement[10:], rel=1e-9, abs=1e-12)
-    assert second.dissipated[-1] == pytest.approx(whole.dissipated[-1], rel=1e-9)
-
-
-def test_a_bound_that_rises_and_falls_again_is_refused_if_no_softening_is_given():
-    """The bound is .8 at rest, rises to 1.3 at the speed .4, and falls to .42 at the speed 1 of the disc."""
-    scene = brake.scene().without(vx.SpeedFriction)
-    humps = vx.SpeedFriction(lambda speed: 0.8 + 0.5 * np.sin(4 * speed), on="bottom", ground=lambda x, t: (t, 0.0))
-    with pytest.raises(vx.SceneError, match="the slip rate .* changes the weight from"):
-        vx.simulate(scene.with_(humps), brake.mesh(2), brake.times(20), initial="settled")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -17,7 +16,6 @@ import vemcvx as vx
 ROOT = Path(__file__).parents[2]
 FOLDERS = "vemcvx", "problems", "tests", "docs", ".ci", ".github"
 FILES = "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "pyproject.toml"
-PART = "tests/vem/test_patch.py", "tests/whole/test_structure.py", "tests/cli/test_cli_supplied.py"
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +36,6 @@ def test_the_source_distribution_has_every_file(unpacked):
     assert wanted <= {path.relative_to(unpacked) for path in unpacked.rglob("*")}
     for name in FILES:
         assert (unpacked / name).read_bytes() == (ROOT / name).read_bytes()
-
-
-@pytest.mark.slow
-def test_tests_of_the_source_distribution_run(unpacked):
-    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *PART]
-    done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    where = [sys.executable, "-c", "import vemcvx; print(vemcvx.__file__)"]
-    found = subprocess.run(where, cwd=unpacked, env=environment, capture_output=True, text=True, check=True).stdout
-    assert found.startswith(str(unpacked))
 
 
 def test_the_citation_names_this_version():

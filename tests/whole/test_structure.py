@@ -204,40 +204,13 @@ def test_tests_keep_their_lines():
     assert sum(len(path.read_text().splitlines()) for path in every) <= ALL_TESTS
 
 
-SUSPECT = re.compile(r"monkeypatch\.setattr|^ *from vemcvx\b.*\b_|^    _\w+,$", re.MULTILINE)
+PRIVATE = re.compile(r"^from vemcvx\S* import (?:\w+, )*_[a-z]|^    _\w+,$", re.MULTILINE)
+"""An import of a private name, in one line or in a line of its own."""
 
 
-def uses_internals(path):
-    """Return True if a file of tests imports names with an underscore or patches a module of the package."""
-    if not SUSPECT.search(path.read_text()):
-        return False
-    found = [node for node in nodes(path, ast.ImportFrom) if (node.module or "").split(".")[0] == "vemcvx"]
-    ours = {alias.asname or alias.name for node in found for alias in node.names} | {"vx"}
-    for node in nodes(path, ast.Call):
-        if ast.unparse(node.func).endswith("monkeypatch.setattr"):
-            place = ast.unparse(node.args[0])
-            if place.startswith("'vemcvx") or re.split(r"\W", place.removeprefix("type("))[0] in ours:
-                return True
-    return any(alias.name.startswith("_") for node in found for alias in node.names)
-
-
-INTERNALS = {
-    "cli/test_cli.py",
-    "cli/test_cli_collection.py",
-    "cli/test_cli_report.py",
-    "cli/test_cli_said.py",
-    "cli/test_cli_space.py",
-    "cli/test_cli_supplied.py",
-    "cost/test_cost.py",
-    "plots/test_animation.py",
-}
-"""Files outside `tests/unit` that still use internals: remove some, add none."""
-
-
-def test_tests_of_internals_are_in_tests_unit():
-    tests = Path(__file__).parents[1]
-    found = {path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py") if path.parent.name != "unit"}
-    assert {name for name in found if uses_internals(tests / name)} <= INTERNALS
+def test_tests_outside_tests_unit_import_no_private_names():
+    paths = [path for path in Path(__file__).parents[1].rglob("test_*.py") if path.parent.name != "unit"]
+    assert [path for path in paths if PRIVATE.search(path.read_text())] == []
 
 
 @pytest.mark.long

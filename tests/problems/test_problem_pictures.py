@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -40,6 +43,8 @@ VIEWED = (
     "tubes_shrunk_on",
 )
 """Problems whose bodies in space PyVista draws."""
+ALONE = ("feng_han_huang", "liner_in_housing")
+"""Problems that the default tests run as a single file in an empty folder."""
 FORMAL = {"manufactured_full_slip"}
 """Problems whose docstring says that a run warns about their strains."""
 matplotlib = pytest.importorskip("matplotlib")
@@ -82,3 +87,17 @@ def test_a_problem_file_imports_no_other_problem_file(name):
     modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     modules |= {one.name for node in ast.walk(tree) if isinstance(node, ast.Import) for one in node.names}
     assert {module.partition(".")[0] for module in modules} <= {"numpy", "scipy", "vemcvx", "matplotlib", "dataclasses"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
+)
+def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
+    """A new process is needed: the sys.path of pytest has the folder of problems."""
+    shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
+    problem = import_module(name)
+    steps = ["--steps", "2"] if hasattr(problem, "times") else []
+    options = ["run", f"{name}.py", "--n", str(problem.SMALL["n"]), *steps, "--accuracy", "1e-5"]
+    run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith(f"{name}: {gallery.title(name).removesuffix('.')[:40]}")

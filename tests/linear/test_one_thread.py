@@ -47,13 +47,3 @@ def test_threads_other_than_the_main_thread_do_not_change_the_number_of_threads(
     thread.start()
     thread.join()
     assert seen == [{2}]
-
-
-def test_one_thread_may_be_nested_and_large_matrices_keep_all_threads():
-    with one_thread(10):
-        with one_thread(10):
-            assert list_threads() == {1}
-        assert list_threads() == {1}
-    assert list_threads() == {2}
-    with one_thread(2_000):
-        assert list_threads() == {2}

@@ -11,7 +11,8 @@ from scenes import long_cases, paper_scene, small
 import vemcvx as vx
 from vemcvx.program import ABSOLUTE_VALUES, BOUNDS, QUADRATIC, SECOND_ORDER_CONES
 from vemcvx.program.operators import FEATURES
-from vemcvx.testing import INSTANCES, solver_suite
+from vemcvx.testing import solver_suite
+from vemcvx.testing.solvers import INSTANCES
 from vemcvx.testing.solvers import TIMES as TESTED
 
 pytestmark = pytest.mark.arithmetic
@@ -25,9 +26,8 @@ OWN = {
     "ThroughCvxpy": vx.ThroughCvxpy("CLARABEL", accuracy=1e-3),
 }
 """Solvers that must answer."""
-FOUND = {
-    name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in cvxpy.installed_solvers() if name not in ("CLARABEL", "OSQP")
-}
+OTHERS = {*cvxpy.installed_solvers()} - {"CLARABEL", "OSQP", "PROXQP"}  # the last digits of PROXQP vary
+FOUND = {name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in sorted(OTHERS)}
 FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
 """Solvers that answer or refuse. Solvers of linear programs accept no step at all (tests/cli/test_cli_compare.py)."""
 
@@ -45,15 +45,7 @@ test_fast_solvers = long_cases(
     lambda case: case.endswith("agrees_with_newton_within_both_certificates") and ": contact and friction:" not in case,
 )
 test_conic_solvers = pytest.mark.long(solver_suite({name: OWN[name] for name in OWN if name not in FAST}))
-VARYING = {"PROXQP"} & set(FOUND)
-"""Solvers whose last digits vary from run to run."""
-test_found_solvers = pytest.mark.long(
-    solver_suite({name: FOUND[name] for name in FOUND if name not in VARYING}, must_answer=False)
-)
-if VARYING:
-    test_found_solvers_whose_last_digits_vary = pytest.mark.long(
-        solver_suite({name: FOUND[name] for name in VARYING}, must_answer=False, repeatable=False)
-    )
+test_found_solvers = pytest.mark.long(solver_suite(FOUND, must_answer=False))
 
 
 @pytest.mark.parametrize("solver", OWN.values(), ids=OWN)

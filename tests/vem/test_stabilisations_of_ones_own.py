@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, order, and the same form a^h in stiffness, budget and nodal distance."""
+"""User-defined stabilisations: patch test, and the same form a^h in stiffness, budget and nodal distance."""
 
 from __future__ import annotations
 
@@ -33,15 +33,6 @@ def test_the_patch_test():
     for family in ("squares", "voronoi", "nonconvex", "triangles"):
         for stabilisation in OWN:
             assert own.patch_error(stabilisation, small(family, 2)) < 1e-12
-
-
-@pytest.mark.long
-def test_errors_are_of_first_order():
-    """Measured orders between h = 1/4 and 1/16 are .96 to 1.05; the default has .97 and 1.05 on the two families."""
-    for family in ("voronoi", "hexagons"):
-        for stabilisation in OWN:
-            slope = vx.measures.orders([1 / 4, 1 / 8, 1 / 16], own.errors(stabilisation, family)).slope
-            assert 0.94 < slope < 1.1
 
 
 @pytest.mark.long
@@ -214,15 +205,8 @@ class Springs(vx.Stabilisation):
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["prisms", "cubes", "voronoi3"])
 def test_stabilisations_in_space(family):
-    """Check the patch test, the energy w'Aw of w, and that v - Pi v has half of the default energy."""
-    mesh = vx.meshes.SPACE_FAMILIES[family](2)
-
-    def linear(x, t):
-        return 1e-3 * t * x @ [[0.3, 0.1, 0.0], [0.2, -0.4, 0.1], [0.0, 0.5, 0.2]]
-
-    material = vx.Elasticity(YOUNG, POISSON, stabilisation=Springs())
-    pinned = vx.simulate(vx.Scene(material, vx.PrescribedDisplacement(linear, on="boundary")), mesh, [0.0, 1.0])
-    np.testing.assert_allclose(pinned.displacement[-1], linear(mesh.points, 1.0), atol=1e-15)
+    """Check the energy w'Aw of w, and that v - Pi v has half of the default energy."""
+    mesh, material = vx.meshes.SPACE_FAMILIES[family](2), vx.Elasticity(YOUNG, POISSON, stabilisation=Springs())
     scene = vx.Scene(material, vx.Clamp(on="left"), vx.Traction((0.3, 0.1, 0.0), on="right"))
     history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
     vx.error_budget(history)

@@ -34,17 +34,6 @@ def test_the_whole_boundary_satisfies_the_theorem_of_gauss(family):
     assert np.array_equal(part.nodes, np.unique(part.sides))
 
 
-def test_sides_have_the_axes_as_normals(family):
-    space = make_space(family)
-    for name, normal in {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}.items():
-        part = space.part(name, "test")
-        assert np.array_equal(part.normals, np.tile(normal, (len(part.sides), 1)))
-        rows = part.node_normals
-        assert np.array_equal(rows.nodes, part.nodes)  # one row per node of a straight side
-        assert np.array_equal(rows.normals, np.tile(normal, (len(part.nodes), 1)))
-        assert rows.lengths == pytest.approx(part.node_lengths, rel=1e-14)
-
-
 @pytest.mark.parametrize(("make", "names"), [("squares", "left bottom"), ("cubes", "left front bottom")])
 def test_nodes_at_edges_and_corners_have_a_row_for_every_normal(make, names):
     space = Space(getattr(vx.meshes, make)(2))

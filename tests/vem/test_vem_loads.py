@@ -1,4 +1,4 @@
-"""Loads: quadrature inside cells of every shape, affine body forces, polynomial tractions."""
+"""Quadrature inside cells of every shape, affine body forces, polynomial tractions, mean strains."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import Space, cell_load, edge_load
-from vemcvx.vem.loads import cell_quadrature
+from vemcvx.vem.loads import cell_quadrature, mean_strains
 
 # Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13
@@ -37,7 +37,6 @@ def integrate(corners):
 
 SHAPES = {
     "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
-    "L": [(0, 0), (4, 0), (4, 1), (1, 1), (1, 5), (0, 5)],
     "comb": [(0, 0), (5, 0), (5, 3), (4, 3), (4, 1), (3, 1), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],
     "spiral": [
         *[(0, 0), (6, 0), (6, 6), (1, 6), (1, 2), (4, 2), (4, 4)],
@@ -107,3 +106,16 @@ def test_forces_of_tractions_on_faces_are_exact_for_degree_four(name):
     total = (matrix @ np.column_stack([y**4, y**2 * z**2, z**4]).ravel()).reshape(-1, 3).sum(axis=0)
     exact = [(b**5 - a**5) / 5 * (d - c), (b**3 - a**3) / 3 * (d**3 - c**3) / 3, (b - a) * (d**5 - c**5) / 5]
     assert total == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])
+def test_mean_strains_of_quadratic_displacements_are_their_strains_at_centroids(name):
+    """The strains of u = (x^2 + x y, y^2 - x y), in space (x y, y z, z x), are linear."""
+    mesh = small(name, 2) if name in FAMILIES else solid(name, 2, BOX)
+    if name in FAMILIES:
+        (x, y), quadratic = mesh.centroids.T, lambda p: p * np.column_stack([p.sum(axis=1), p[:, 1] - p[:, 0]])
+        exact = [2 * x + y, 2 * y - x, x - y]
+    else:
+        (x, y, z), quadratic = mesh.centroids.T, lambda p: p * p[:, [1, 2, 0]]
+        exact = [y, z, x, x, y, z]
+    np.testing.assert_allclose(mean_strains(Space(mesh), quadratic), np.column_stack(exact), atol=1e-13)

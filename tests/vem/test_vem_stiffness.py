@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import skfem
-from scenes import FAMILIES, rotation, small
+from scenes import FAMILIES, small
 from skfem.models.elasticity import linear_elasticity
 from solids import SOLIDS, solid
 
@@ -90,17 +90,9 @@ def split_centre(gap):
     return vx.PolygonMesh(points, [[0, 1, 5, 4, 3], [1, 2, 6, 5], [3, 4, 8, 7], [4, 5, 6, 9, 8]])
 
 
-def make_comb():
-    """Return a comb-shaped cell with two deep notches, each filled by four triangles around a node."""
-    points = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]
-    middle = [[3.5, 2], [1.5, 2]]
-    cells = [list(range(12)), [4, 3, 12], [3, 6, 12], [6, 5, 12], [5, 4, 12], [8, 7, 13], [7, 10, 13], [10, 9, 13]]
-    return vx.PolygonMesh(points + middle, [*cells, [9, 8, 13]])
-
-
 @pytest.mark.parametrize("stabilisation", ["shear", "unit"])
-def test_cells_with_short_edges_and_notches_pass_the_patch_test(stabilisation):
-    for hard in (split_centre(1e-6), split_centre(1e-12), make_comb()):
+def test_cells_with_short_edges_pass_the_patch_test(stabilisation):
+    for hard in (split_centre(1e-6), split_centre(1e-12)):
         assert patch_error(stabilisation, hard) < 1e-11
         K = assemble(hard, stabilisation)
         assert is_identical(K, K.T.tocsr())
@@ -156,14 +148,6 @@ def test_matrices_agree_with_the_formula_of_the_paper(family, stabilisation):
     K = assemble(mesh, stabilisation)
     # The 6 x 6 systems have condition numbers below 20.
     assert find_largest(K.toarray() - expected) < 1e-12 * find_largest(K)
-
-
-def test_rotated_bodies_have_rotated_matrices(mesh):
-    dim = mesh.points.shape[1]
-    turn = rotation(0.7) if dim == 2 else np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    turn = turn * np.linalg.det(turn)
-    R, K = sp.kron(sp.eye_array(mesh.n_nodes), turn, format="csr"), assemble(mesh)
-    assert find_largest(assemble(with_points(mesh, mesh.points @ turn.T)) - R @ K @ R.T) < 1e-12 * find_largest(K)
 
 
 def test_distance_from_the_origin_changes_no_bit_of_the_matrix(mesh):

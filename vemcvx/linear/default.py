@@ -29,10 +29,8 @@ def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: in
     if given is not None:
         return given
     direct = direct_solver(unknowns)
-    if unknowns <= (direct.largest_in_space if modes == 6 else LARGEST_FACTOR):
-        return direct
-    if importlib.util.find_spec("pyamg") is None:
-        log.warning("%d unknowns may be too many for a direct solver: pip install 'vemcvx[multigrid]'", unknowns)
+    fits = unknowns <= (direct.largest_in_space if modes == 6 else LARGEST_FACTOR)
+    if fits or importlib.util.find_spec("pyamg") is None:
         return direct
     log.info("linear solver: Iterative, for %d unknowns", unknowns)
     return Iterative()

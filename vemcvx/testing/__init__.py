@@ -25,13 +25,13 @@ from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
 from vemcvx.testing import solvers as conformance  # noqa: E402
 from vemcvx.testing.effects import PROPERTIES, EffectSample, Other  # noqa: E402
 from vemcvx.testing.linear import linear_properties  # noqa: E402
-from vemcvx.testing.solvers import INSTANCES, Instance  # noqa: E402
+from vemcvx.testing.solvers import INSTANCES  # noqa: E402
 
-__all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "linear_suite", "solver_suite"]
+__all__ = ["EffectSample", "Other", "effect_suite", "linear_suite", "solver_suite"]
 
 
 def solver_suite(
-    solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True, repeatable: bool = True
+    solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True
 ) -> Callable[..., None]:
     """Return a test with one case per solver, property and instance; assign it to a name test_*.
 
@@ -41,8 +41,6 @@ def solver_suite(
         Solvers, or objects with `solve(program, target)`.
     must_answer : bool
         True if a missed accuracy fails the test.
-    repeatable : bool
-        True if repeated runs must be equal in all digits.
 
     Returns
     -------
@@ -67,8 +65,7 @@ def solver_suite(
             case = conformance.Case(solver, instance, must_answer)
             refusal = [conformance.refuses_unaccepted_features]
             for check in conformance.INSTANCE_PROPERTIES if instance.is_for(solver) else refusal:
-                if repeatable or check is not conformance.gives_the_same_answer_twice:
-                    cases[f"{name}: {instance.name}: {check.__name__}"] = partial(check, case)
+                cases[f"{name}: {instance.name}: {check.__name__}"] = partial(check, case)
     return _test(cases)
 
 

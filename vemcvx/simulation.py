@@ -62,6 +62,8 @@ def simulate(
 ) -> History:
     """Simulate a scene on a mesh by backward Euler, every step certified.
 
+    Certificates bound the algebraic error of each step; :func:`vemcvx.error_budget` estimates the other errors.
+
     Parameters
     ----------
     scene : Scene
@@ -86,13 +88,11 @@ def simulate(
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
-        A folder for the stored steps, as memory-mapped files: for histories larger than memory, and runs that may be
-        interrupted. Other files in this folder are not changed.
+        A folder for the stored steps: for histories larger than memory, and runs that may be interrupted.
     resume : bool
         True: continue the run in the folder `stream` from its last stored step. False: replace that run.
     bound : bool
-        Compute guaranteed lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`), for
-        `history.bound`. All steps must be stored.
+        Bound the mesh error of every step from both sides (:func:`vemcvx.error_bound`). All steps must be stored.
 
     Returns
     -------
@@ -108,11 +108,6 @@ def simulate(
         The certificate of a step exceeds the solver's accuracy.
     HistoryError
         `stream` cannot be written to, another run writes there, or it holds a run of another problem.
-
-    Notes
-    -----
-    Backward Euler for Problem 3.9 of the paper is of first order in time step and mesh size (Theorem 3.10). The
-    certificate bounds the algebraic error of each step; :func:`vemcvx.error_budget` estimates the other errors.
 
     Examples
     --------

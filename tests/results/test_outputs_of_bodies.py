@@ -52,11 +52,8 @@ def test_arrows_on_the_two_bodies_cancel(history):
     plt.close("all")
 
 
-def test_meshio_keeps_interfaces_and_scikit_fem_loses_them_with_a_warning():
+def test_meshio_keeps_interfaces():
     mesh = make_blocks("triangles", 4)
     back = vx.meshes.convert(mesh.to("meshio")).interfaces[JOINT]
     assert back.bodies == mesh.interfaces[JOINT].bodies
     assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
-    with pytest.warns(vx.MeshWarning, match="^meshes of scikit-fem keep no interfaces"):
-        made = mesh.to("skfem")
-    assert JOINT in made.boundaries

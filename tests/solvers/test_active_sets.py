@@ -79,7 +79,7 @@ def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
     """The active sets of Newton's method cycle here with every BLAS kernel."""
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_uni"
-    assert vx.simulate(scene, mesh, TIMES).safeguards.sum() > 0
+    assert vx.simulate(scene, mesh, TIMES).trajectory.safeguards.sum() > 0
 
 
 @pytest.mark.arithmetic

@@ -108,7 +108,7 @@ def test_matching_tetrahedra_are_linear_elements_with_doubled_nodes(n):
     joint = mesh.interfaces["lower|upper"]
     other = solve_independently(mesh.points, cells, (joint.edges, joint.partners), mesh.cell_data["body"])
     assert np.abs(history.displacement - other).max() < 1e-6 * np.abs(other).max()
-    assert ((contact.closed_count > 0) & (contact.closed_count < len(contact.nodes))).any()
+    assert ((contact.open_count > 0) & (contact.open_count < len(contact.nodes))).any()
     assert ((contact.slip_count > 0) & (contact.stick_count > 0)).any()
 
 
@@ -187,5 +187,5 @@ def test_coulombs_law_between_bodies_agrees_with_getfem(n, tmp_path):
     assert not made.returncode, made.stderr
     other = np.load(tmp_path / "found.npy")
     assert np.abs(history.displacement[-1] - other).max() < 1e-10 * np.abs(other).max()
-    assert 0 < contact.closed_count[-1] < len(contact.nodes)
+    assert 0 < contact.open_count[-1] < len(contact.nodes)
     assert contact.slip_count[-1] > 0 < contact.stick_count[-1]

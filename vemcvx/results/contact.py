@@ -35,12 +35,9 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. If a
-    support holds or moves the node along the boundary, the force of this support is neither traction nor pressure. The
-    friction on this node is traction. While the support stands still, this friction is not unique, and is given as 0.
-
-    In space, lengths are areas, and slip and traction are vectors in the tangent plane. At edges of contact, traction
-    is the sum over all normals, and slip is orthogonal to the mean normal.
+    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. The
+    force of a support along the boundary is neither traction nor pressure. While this support stands still, friction on
+    its nodes is not unique, and is given as 0. In space, lengths are areas.
 
     Attributes
     ----------
@@ -58,25 +55,21 @@ class Contact(ArrayRecord):
         Friction force on the body of `nodes`, per length of the edges with friction.
     bound : (S, m)
         Friction bound per length; 0 without friction. A bound that depends on direction is given for the direction of
-        the friction force, or along the `direction` of the friction effect if this force is zero.
+        the friction force.
     pressure : (S, m)
-        Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact. A
-        support that moves a node along the contact normal is a moving obstacle: its force is pressure.
+        Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Friction and pressure to quote and draw. On interfaces of meshes that do not match, they are means over 1.5
         cells, without ripple (:mod:`vemcvx.results.contact_tiles`); elsewhere they are `traction` and `pressure`.
-        Laws of friction hold for `traction` and `pressure` at every node.
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
-        Friction work since the initial instant, in all steps, per length with friction: the energy dissipated by
-        friction is ``wear @ friction_lengths``.
+        Friction work since the initial instant per length with friction; in all, it is ``wear @ friction_lengths``.
     wear_second_order : (S, m)
         `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
-        Length of the slip path, to and fro, in all steps since the initial instant; where several frictions meet, the
-        largest length. If the bound depends on direction, slip across the `direction` of the friction effect is
-        multiplied by the ratio of the bound across this direction to the bound along it.
+        Length of the slip path, to and fro, since the initial instant; where several frictions meet, the largest.
+        If the bound depends on direction, slip across is multiplied by the ratio of the bounds across and along.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths : (m,)
@@ -89,8 +82,8 @@ class Contact(ArrayRecord):
     >>> effects = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.0, -0.1), on="top")
     >>> scene = vx.Scene(*effects, vx.UnilateralContact(on="bottom"))
     >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0], initial="settled")
-    >>> history.contact.nodes, history.contact.closed_count
-    (array([0, 1, 2]), array([3, 3]))
+    >>> history.contact.nodes, history.contact.open_count
+    (array([0, 1, 2]), array([0, 0]))
     """
 
     nodes: Annotated[Ints, "m", ""]
@@ -137,11 +130,6 @@ class Contact(ArrayRecord):
     def slip_count(self) -> Ints:
         """The number (S,) of nodes that touch and slip."""
         return (self.closed & ~self.sticking).sum(axis=1)
-
-    @property
-    def closed_count(self) -> Ints:
-        """The number (S,) of nodes that touch their obstacle."""
-        return self.closed.sum(axis=1)
 
     @property
     def open_count(self) -> Ints:

@@ -6,10 +6,9 @@ If some cell has several sides on an interface, recovered values on this interfa
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
-The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967);
-Milanfar, SIAM J. Imaging Sci. 6 (2013)). K is symmetric, so sum |phi_i| p_i = sum R_i: every closed piece keeps its
-resultant. K has no negative entry, so compression remains compression. Means of smooth fields have an error of O(h^2),
-and of O(h) at the end of contact. The size of a cell is the total length of its sides on the surface (in space, the
+The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K is
+symmetric, so every closed piece keeps its resultant, sum |phi_i| p_i = sum R_i. K has no negative entry, so compression
+remains compression. The size of a cell is the total length of its sides on the surface (in space, the
 square root of their area), and h_i is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at
 i and j differ by `CURVE_ANGLE` or more. Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|.
 """

@@ -8,17 +8,14 @@
   number of the connected piece of contact, and the arc length s along this piece (:mod:`vemcvx.results.arc`)
 - ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. At contact nodes, `sticking` and
-`closed` are 1 or 0. At other nodes they are NaN, and all other contact arrays are zero. At an interface, both sides
-have values; slip and traction of the second body have the opposite sign. On cells, the file has the fields of
-`History.on_cells`.
+At nodes, a VTU file has the displacement and all contact arrays that change in time. At nodes without contact,
+`sticking` and `closed` are NaN, and all other contact arrays are zero. At an interface, both sides have values; slip
+and traction of the second body have the opposite sign. On cells, the file has the fields of `History.on_cells`.
 
-All files are written to a temporary folder inside the target folder and then moved, first the archive, last the
-summary. If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong
-to a history, and are not replaced.
+If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong to a
+history, and are not replaced.
 
-The archive holds the arrays of :func:`vemcvx.results.results.list_arrays`, the mesh with its boundaries and cell data,
-and all other data as JSON in the array `about`.
+The archive holds the arrays of the history and of its mesh, and all other data as JSON in the array `about`.
 """
 
 from __future__ import annotations

@@ -7,12 +7,11 @@ multipliers lam, and D^ the rows of obstacles with the forces p. The forces on t
 
 where A_s are the rows of supports and bilateral contact, and mu their forces. With the matrix H of
 :mod:`vemcvx.scene.supports`, A_s H = I, we have mu = H'(R + B^' lam + D^' p). A includes the stiffness K_s of springs
-to the ground; their forces are -K_s u. If two supports hold the same direction of a node, the first has the force.
+to the ground; their forces are -K_s u.
 
-An effect exerts its force on a node through those of its sides (in space, faces) that meet at the node. The force of a
-contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their lengths. The force of
-a support is divided, in proportion to integrals of hat functions, among the sides that are normal to the direction of
-the support, or else among all sides. So each effect has a force on each boundary, and all these forces add up.
+The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their
+lengths. The force of a support is divided, in proportion to integrals of hat functions, among the sides that are normal
+to the direction of the support, or else among all sides. So each effect has a force on each boundary, and all add up.
 """
 
 from __future__ import annotations
@@ -243,9 +242,8 @@ class ActingForces:
     def reaction(self, name: str) -> Floats:
         """Return the total force (S, dim) that supports of a boundary exert on the body.
 
-        Forces belong to the effect that causes them. If a side of a block is pulled, and friction acts at the bottom,
-        the reaction of this side balances the `force` of the bottom. If one support holds a node on two boundaries,
-        each boundary has a part of the force: see :mod:`vemcvx.results.forces`.
+        Forces belong to the effect that causes them. If one support holds a node on two boundaries, each boundary has a
+        part of the force: see :mod:`vemcvx.results.forces`.
 
         Raises
         ------

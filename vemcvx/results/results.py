@@ -96,8 +96,7 @@ class Results(ActingForces):
     def work(self) -> Floats:
         """The work (S,): the sum over steps of displacement increments times forces and reactions at the step's end.
 
-        The work of moving obstacles and ground is included. `work` minus the change of `energy` minus `dissipated` is
-        the loss of time stepping, which is never negative.
+        `work` minus the change of `energy` minus `dissipated` is the loss of time stepping, which is never negative.
         """
         return self.trajectory.work[self.stored]
 
@@ -105,9 +104,8 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,) to second order in the time step, from the friction bounds at both ends of steps.
 
-        Quote `dissipated_second_order` and `work_second_order`. `dissipated` and `work` form the energy balance of
-        backward Euler, and are of first order. With dashpots, and where slip changes its direction in space,
-        `dissipated_second_order` is of first order, too.
+        Quote `dissipated_second_order` and `work_second_order`: `dissipated` and `work` are of first order. With
+        dashpots, and where slip changes direction in space, `dissipated_second_order` is of first order, too.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -152,11 +150,6 @@ class Results(ActingForces):
         return self.trajectory.iterations[self.stored]
 
     @property
-    def safeguards(self) -> Ints:
-        """The calls (S,) of projected gradients, the safeguard of Newton's method against cycling active sets."""
-        return self.trajectory.safeguards[self.stored]
-
-    @property
     def solver(self) -> str:
         """The name and the settings of the solver."""
         return self.trajectory.solver
@@ -182,9 +175,7 @@ class Results(ActingForces):
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In plane strain, it is nu (xx + yy) minus the stress of blocked eigenstrains; in an
-        orthotropic material it follows from E3, nu13 and nu23. A Prestress has no component zz. In a body of
-        revolution, zz is the hoop stress.
+        It is 0 in plane stress. In a body of revolution, it is the hoop stress. A Prestress has no component zz.
 
         Raises
         ------
@@ -201,13 +192,7 @@ class Results(ActingForces):
         return self.on_cells(step)["out_of_plane_stress"]
 
     def von_mises(self, step: int) -> Floats:
-        """Return von Mises' stress (n_cells,) at a stored step, with the stress zz: see :mod:`vemcvx.vem.tensors`.
-
-        Raises
-        ------
-        SceneError
-            That step was not stored, or a plane material does not give the stress normal to the plane.
-        """
+        """Return von Mises' stress (n_cells,) at a stored step; plane materials must give the stress zz."""
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
 
@@ -215,11 +200,6 @@ class Results(ActingForces):
         """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
         In space and in a body of revolution (with the hoop stress), they are (n_cells, 3), the largest first.
-
-        Raises
-        ------
-        SceneError
-            That step was not stored.
         """
         return self.on_cells(step)["principal_stresses"]
 
@@ -228,11 +208,6 @@ class Results(ActingForces):
 
         These are "stress", "principal_stresses", "strain_energy" (the density 1/2 eps : C eps) and, if known,
         "out_of_plane_stress" and "von_mises".
-
-        Raises
-        ------
-        SceneError
-            That step was not stored.
         """
         row = self.row(step)
         strain = strains(self._space, self.displacement[row])
@@ -258,9 +233,8 @@ class Results(ActingForces):
     def extremes(self) -> tuple[quoted.Extreme, ...]:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
-        Displacements are taken at nodes, stresses at centroids of cells, and slip, friction and pressure at contact
-        nodes. `Extreme.unbounded` warns that a value at a corner or point load may grow without limit as the mesh is
-        refined (:mod:`vemcvx.results.corners`). There is no warning if half of the field is within 1 % of the extreme.
+        `Extreme.unbounded` warns that a value at a corner or point load may grow without limit as the mesh is refined
+        (:mod:`vemcvx.results.corners`). There is no warning if half of the field is within 1 % of the extreme.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -305,13 +279,7 @@ class Results(ActingForces):
         return chosen if self.peak in chosen else np.union1d(chosen[int(len(chosen) == most) :], self.peak)
 
     def row(self, step: int | None) -> int:
-        """Return the row of a step in the arrays; negative steps count from the end, and None is the peak.
-
-        Raises
-        ------
-        SceneError
-            That step was not stored.
-        """
+        """Return the row of a stored step in the arrays; negative steps count from the end, and None is the peak."""
         step = self.peak if step is None else step
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
         stored: list[int] = self.stored.tolist()

@@ -50,12 +50,6 @@ def test_zero_rows_change_no_state(terms, condense):
     assert run.dissipated[-1] == (6.0 if terms is ZERO_ROWS["norms on a ground"] else 0.0)
 
 
-def test_a_step_whose_load_changes_by_rounding_is_at_rest():
-    system = vx.System(np.diag([2.0, 3.0]), lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.0))
-    run = vx.march(system, [0.0, 1.0, 1.0 + 5.9e-16, 2.0])
-    assert run.state[-1] == pytest.approx([1.0, 0.0])
-
-
 def test_a_run_responds_to_a_pulse_although_its_data_nearly_vanish_at_the_start():
     """Friction has the bound 0.1. At first the load is zero, then 1e-67, 1e-16 and 5."""
     system = vx.System([[1.0]], lambda t: [5.0 * np.exp(-(((t - 0.437) / 0.01) ** 2))], vx.Norms([[1.0]], 0.1))

@@ -115,26 +115,6 @@ def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
     assert program.certify(s.ravel(), lam @ turn.T).friction == pytest.approx(lost, rel=1e-3)
 
 
-@pytest.mark.parametrize("g", [-5.0, -0.3, 0.0, 0.4, 7.0])
-def test_a_slider_has_its_closed_form(g):
-    """Minimise 1/2 K d^2 - g d + w|d|: lam = clip(g, -w, w) and d = (g - lam) / K."""
-    answer, certificate = solve_with_newton(StepProgram(Operators([[2.0]], [[1.0]]), [g], [1.0], [0.0]))
-    assert answer.d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
-    assert answer.lam[0, 0] == pytest.approx(np.clip(g, -1, 1), abs=1e-15)
-    assert certificate.gap < 1e-30
-
-
-def test_a_bound_and_friction_on_one_unknown_are_certified_without_multipliers():
-    """Minimise d^2/2 - 2 d + |d|/2 with d <= 0.4: at d = 0.4, friction has the force 1/2, and the bound has 1.1."""
-    program = StepProgram(Operators([[1.0]], [[1.0]], D=[[1.0]]), [2.0], [0.5], [0.0], [0.4])
-    lam, p = program.multipliers(np.array([0.4]))
-    assert lam[0, 0] == 0.5
-    assert p == pytest.approx([1.1], rel=1e-15)
-    assert program.certify([0.4]).error < 1e-15
-    # At d = 0.3, the error is 0.1, and the bound has no force.
-    assert 0.1 <= program.certify([0.3]).error < 0.6
-
-
 @pytest.mark.parametrize("soft", [0.0, 0.2])
 def test_soft_thresholding_in_a_box_is_certified(soft):
     """|d| = |g| - w within the box |d| <= e; beyond, |d| is e, or (c (|g| - w) + e)/(1 + c) with compliance c."""
@@ -201,24 +181,6 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
             assert error <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + ignored
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_feasible_moves_a_point_beyond_a_vertex_back_to_it(seed):
-    """K = I. Two oblique bounds, with forces p > 0, meet at the answer d*; d is at about 1e-9 from d*.
-
-    With c = |d - d*|, the nearest feasible point is within 2 c / sin(angle) of d; p.(e - D d) <= (p_1 + p_2) |D| c.
-    """
-    rng = np.random.default_rng(seed)
-    angle = rng.uniform(0.05, 0.95) * np.pi
-    D = np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)]])
-    vertex, p = rng.normal(size=2), rng.uniform(1.0, 3.0, 2)
-    operators = Operators(np.eye(2), sp.csr_matrix((0, 2)), D=D)
-    program = StepProgram(operators, vertex + D.T @ p, np.zeros(0), np.zeros(0), D @ vertex)
-    d = program.feasible(vertex + 1e-9 * rng.normal(size=2))
-    assert np.isfinite(program.objective(d))
-    assert np.linalg.norm(d - vertex) < 4 * 5e-9 / np.sin(angle)
-    assert program.certify(d, p=p).gap < p.sum() * 4 * 5e-9 / np.sin(angle)
-
-
 def test_the_active_one_of_two_parallel_bounds_has_the_force():
     """Minimise d^2/2 - 2 d with d <= 1 and d <= 3: the first bound has the force 1."""
     operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
@@ -253,19 +215,6 @@ def test_cvxpy_gives_the_same_increments_and_multipliers(block):
         assert np.abs(found - wanted).max() < 1e-4 < np.abs(wanted).max()
     gap = program.certify(program.feasible(posed.d.value), posed.lam, posed.p).gap
     assert gap < 1e-9 * (1 + abs(program.objective(exact.d)))
-
-
-def test_programs_of_a_march_have_their_answers():
-    """A load t pulls two blocks with friction bounds 1/2, joined by a spring."""
-    kernel = vx.Kernel([[1.0], [1.0]], ["sliding"])
-    system = vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.5), kernel=kernel)
-    programs = list(vx.programs_of_march(system, [0.0, 0.6, 0.9]))
-    assert [program.step for program in programs] == [1, 2]
-    for program, second in zip(programs, [0.1, 0.4], strict=True):
-        assert program.answer.lam.ravel() == pytest.approx([0.5, second], abs=1e-12)
-        posed = program.to_cvxpy()
-        posed.problem.solve(solver="CLARABEL")
-        assert program.certify(posed.d.value, posed.lam, posed.p).error < 1e-3
 
 
 @pytest.mark.parametrize("w", [1.0, 1e6, 1e10])

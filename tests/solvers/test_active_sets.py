@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from faces_that_meet import TIMES, random_scene
-from scenes import mostly_long
 
 import vemcvx as vx
 
@@ -80,15 +79,6 @@ def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_uni"
     assert vx.simulate(scene, mesh, TIMES).trajectory.safeguards.sum() > 0
-
-
-@pytest.mark.arithmetic
-@mostly_long("seed", [127, 1099])
-def test_active_sets_of_discs_that_share_a_node_settle(seed):
-    """Friction acts while contact is closed. At a node of two faces, motion normal to one face is slip on the other."""
-    scene, mesh, kind = random_scene(seed)
-    assert kind == "tresca_closed"
-    assert vx.simulate(scene, mesh, TIMES).certificate.max() <= 1e-8
 
 
 UNSETTLED = {88, 101, 177, 248, 358, 1024, 1053, 1196}

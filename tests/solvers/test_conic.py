@@ -5,8 +5,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.program import Answer, Operators, StepProgram
-from vemcvx.solvers import TUNED
-from vemcvx.solvers.conic import ALWAYS, polish_answer
+from vemcvx.solvers.conic import polish_answer
 
 pytestmark = pytest.mark.arithmetic
 
@@ -47,11 +46,3 @@ def test_options_of_the_user_replace_settings_and_tuned_false_omits_them():
     options = vx.Clarabel(options={REGULARISATION: 1e-8}).for_second_attempt().choose_options(1e-12, semidefinite=True)
     assert options[REGULARISATION] == 1e-8
     assert vx.ThroughCvxpy("CLARABEL", tuned=False).for_second_attempt().choose_options(1e-12, semidefinite=True) == {}
-
-
-@pytest.mark.parametrize("solver", sorted(TUNED))
-def test_conditional_settings_follow_the_settings_for_all_programs(solver):
-    always = {setting.name for setting in TUNED[solver] if setting.when == ALWAYS}
-    order = [setting.when == ALWAYS for setting in TUNED[solver]]
-    assert order == sorted(order, reverse=True)
-    assert set(vx.ThroughCvxpy(solver).for_second_attempt().choose_options(1e-12, semidefinite=True)) == always

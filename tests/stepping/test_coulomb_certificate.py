@@ -110,18 +110,6 @@ def test_a_body_held_by_friction_and_contact_needs_few_iterations(given, size, s
     assert history.force("bottom") == pytest.approx(wanted, abs=1e-9 * press)
 
 
-@mostly_long("mu", [0.1, 0.4, 0.9], 1)
-def test_newton_solves_a_block_in_a_rough_corner(mu):
-    """Two obstacles hold the corner node, so constraint rows are redundant; 15 iterations suffice."""
-    rough = [e for on in ("bottom", "right") for e in (vx.UnilateralContact(on=on), vx.CoulombFriction(mu, on=on))]
-    pressed = vx.Pressure(lambda x, t: t, on="top")
-    pushed = vx.Traction(lambda x, t: [0.7 * t, 0.0], on="left")
-    scene = vx.Scene(vx.Elasticity(200.0, 0.3), pressed, pushed, *rough)
-    history = vx.simulate(scene, vx.meshes.squares(3), np.linspace(0, 1, 4))
-    assert history.iterations.max() <= 15
-    assert history.certificate.max() <= 1e-12
-
-
 def test_clarabel_helps_newton_where_iterations_run_out():
     run, few = (
         vx.simulate(HELD, vx.meshes.squares(4), [0.0, 1.0], initial="settled", solver=vx.Newton(max_iterations=most))

@@ -40,15 +40,6 @@ def test_an_unknown_relaxes_like_an_exponential_with_errors_of_order_one(run, fo
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
 
 
-def test_the_loss_of_a_slider_is_of_first_order():
-    rate = (F - G) / C
-    # int (G + C v) v dt with v = rate exp(-K t / C)
-    decay = C / K * (1.0 - np.exp(-2.0 * K / C)), C / (2.0 * K) * (1.0 - np.exp(-4.0 * K / C))
-    exact = G * rate * decay[0] + C * rate**2 * decay[1]
-    errors = [abs(slide(steps).dissipated[-1] - exact) for steps in (20, 40)]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
-
-
 def test_clarabel_solves_the_slider_like_newton():
     assert np.abs(slide(10, vx.Clarabel()).state - slide(10).state).max() < 1e-8
 

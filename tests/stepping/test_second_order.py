@@ -7,8 +7,6 @@ from scenes import mostly_long
 
 import vemcvx as vx
 
-TIMES = np.linspace(0.0, 2.0, 25)
-
 
 def pressed_and_rubbed(steps, coefficient=0.3):
     """Simulate a pad that is pressed on a rough floor and rubbed to and fro."""
@@ -43,15 +41,6 @@ def test_friction_work_and_work_are_of_second_order():
     assert worn == pytest.approx(truth.dissipated_second_order, rel=1e-12, abs=1e-15)
     wear = [runs[steps].contact.wear_second_order[-1] for steps in (24, 48, 384)]
     assert np.abs(wear[1] - wear[2]).max() < 0.34 * np.abs(wear[0] - wear[2]).max()
-
-
-def test_both_friction_works_agree_for_constant_bounds():
-    """The friction work of a step is w |s| in both ledgers."""
-    pull = vx.Traction(lambda x, t: [8.0 * np.sin(2.0 * t), -1.0 * t], on="left")
-    held = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.BilateralContact(on="bottom")
-    history = vx.simulate(vx.Scene(*held, pull, vx.TrescaFriction(2.0, on="bottom")), vx.meshes.squares(6), TIMES)
-    assert history.dissipated[-1] > 0
-    assert history.dissipated_second_order == pytest.approx(history.dissipated, rel=1e-9)
 
 
 @mostly_long("viscous", [False, True])

@@ -1,7 +1,6 @@
 """Laws of friction whose weights depend on the slip of the step or of earlier steps, and perhaps on contact forces."""
 
 import cvxpy as cp
-import meshio
 import numpy as np
 import pytest
 from own_law import Law
@@ -158,27 +157,6 @@ def test_friction_acts_along_any_given_direction():
     assert along[-1] == pytest.approx(bound, abs=1e-9)
     moved = np.abs(np.diff(history.displacement[:, contact.nodes] @ [0.6, 0.8], axis=0)).sum(axis=0)
     assert contact.accumulated_slip[-1] == pytest.approx(moved, rel=1e-9)
-
-
-@pytest.mark.long
-def test_accumulated_slip_is_written_and_read_for_both_bodies(tmp_path):
-    lower, upper = vx.meshes.hexagons(2, box=((0, 1), (0, 1))), vx.meshes.squares(3, box=((0, 1), (1, 2)))
-    scene = vx.Scene(
-        STEEL,
-        vx.Clamp(on="lower.bottom"),
-        vx.PrescribedDisplacement(lambda x, t: [0.3 * np.sin(5 * t), 0.0], on="upper.top"),
-        vx.BilateralContact(on="lower|upper"),
-        Law(lambda t, pressure, before, slip: np.maximum(4.0 - 15.0 * (before + slip), 1.0), 15.0, on="lower|upper"),
-    )
-    history = vx.simulate(scene, vx.meshes.bodies({"lower": lower, "upper": upper}), TIMES)
-    slip = history.contact.accumulated_slip
-    assert slip[-1].max() > 0.01
-    history.write(tmp_path)
-    assert np.array_equal(vx.read_history(tmp_path).contact.accumulated_slip, slip)
-    assert np.array_equal(history.table("contact")["accumulated_slip"], slip.ravel())
-    written = meshio.read(tmp_path / "step_0006.vtu").point_data["accumulated_slip"]
-    for nodes in (history.contact.nodes, history.contact.partners):
-        assert np.array_equal(written[nodes], slip[-1])
 
 
 @pytest.mark.long

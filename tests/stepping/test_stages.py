@@ -141,38 +141,3 @@ def test_histories_that_do_not_continue_each_other_are_not_joined():
         vx.joined([finer, vx.simulate(scene, MESH, times[2:], initial=first)])
     with pytest.raises(vx.HistoryError, match="joined: found .*wanted a list of histories, one for each stage"):
         vx.joined([first, "second"])
-
-
-LOADS = (
-    vx.Pressure(lambda x, t: 5.0 * min(t, 1.0), on="top"),
-    vx.Traction(lambda x, t: 3.0 * np.sin(2 * np.pi * t) * np.eye(x.shape[1])[0], on="right"),
-)
-TOUCH = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
-GLUED = vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom")
-KINDS = {
-    "soft contact": (vx.NormalCompliance(500.0, on="bottom"), TOUCH[1]),
-    "springs": (*TOUCH, vx.ElasticFoundation(normal=300.0, on="right")),
-    "ground that moves": (GLUED[0], vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: [0.02 * t, 0.0])),
-    "heat": (*TOUCH, vx.ThermalStrain(1e-3, lambda x, t: t + 0 * x[:, 0])),
-    "viscosity": (*GLUED, vx.Viscosity(5.0, 5.0)),
-    "no contact": (),
-    "in space": TOUCH,
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_joined_history_equals_one_run(kind):
-    mesh = vx.meshes.cubes(2) if kind == "in space" else vx.meshes.squares(4)
-    scene = vx.Scene(vx.Elasticity(1000.0, 0.3), vx.Clamp(on="left"), *LOADS, *KINDS[kind])
-    times = np.linspace(0.0, 2.0, 9)
-    whole, first = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, times[:4])
-    second = vx.simulate(scene, mesh, times[3:6], initial=first)
-    both = vx.joined([first, second, vx.simulate(scene, mesh, times[5:], initial=second)])
-    wanted, found = whole.table("steps"), both.table("steps")
-    names = [name for name in wanted if name in ("energy", "dissipated", "work_second_order") or "_x" in name]
-    for name in names:
-        assert found[name] == pytest.approx(wanted[name], abs=1e-7 * np.abs(wanted[name]).max()), name
-    for name in ("slip", "traction", "pressure", "wear", "accumulated_slip"):
-        values = getattr(whole.contact, name)
-        assert getattr(both.contact, name) == pytest.approx(values, abs=1e-6 * np.abs(values).max(initial=0.0)), name

@@ -158,16 +158,13 @@ class Condensation:
         return tau + N @ (np.linalg.solve(kernel.modes[self.retained].T @ N, work) - N.T @ tau)
 
     def solve_interior(self, phi: Floats) -> Floats:
-        """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns.
-
-        A full solve moves the retained unknowns by x_c; the forces -S x_c move them back to zero.
-        """
+        """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns."""
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0
         if not inner.any():
             return inner
         xi = self.factor.solve(inner)
-        for _ in range(2):
+        for _ in range(2):  # The solve moves the retained unknowns; the forces -S x_c move them back to zero.
             if np.abs(xi[c]).max(initial=0.0) <= ROUNDED * np.abs(xi).max():
                 break
             inner[c] -= self._S @ xi[c]

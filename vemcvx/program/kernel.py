@@ -38,7 +38,7 @@ from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
 MAX_CORRECTIONS = 50
-"""Largest number of corrections of multipliers; each except the last cuts some multipliers at their bounds."""
+"""Largest number of corrections of multipliers."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
     """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, zero elsewhere.
 
-    Where the diagonal is only rounding, its largest entry is used. With softer anchors, flexibilities lose digits.
+    Where the diagonal is only rounding, its largest entry is used.
     """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
@@ -132,8 +132,8 @@ def balance_multipliers(
     """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance `push` (k,).
 
     Multipliers balance `push` if (lam, p)'modes = push; `modes` (m * block + r, k) are slips and gaps in k motions.
-    Corrections are least squares with `weights` (m,) and (r,): a larger weight allows a larger change. Multipliers that
-    were cut at their bounds change only along these bounds. If `push` is too large, part of it stays unbalanced.
+    Corrections are least squares: a larger weight allows a larger change. Multipliers that were cut at their bounds
+    change only along these bounds.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

@@ -273,7 +273,7 @@ class Operators(ArrayRecord):
 
 
 class DenseInverse(Factor):
-    """The inverse of a dense K. Runs need the diagonal of the inverse, and a block of the inverse."""
+    """The inverse of a dense K."""
 
     def __init__(self, K: Floats):
         # LAPACK reads matrices by columns: passing K' = K avoids a copy, and halves the time.

@@ -66,7 +66,7 @@ class StepProgram(ArrayRecord):
 
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If limit j has a compliance c_j > 0, the
     energy (D_j d - e_j)_+^2 / (2 c_j) replaces its bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
-    p >= 0: friction acts on the body with the forces -B'lam, limits with -D'p.
+    p >= 0.
 
     Parameters
     ----------
@@ -146,8 +146,7 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        The level of a term is STILL_TOLERANCE times the larger of two motions: the largest motion of any term in d, and
-        the largest motion of this term in a state of the energy norm `size`. Limits have analogous levels.
+        A level is STILL_TOLERANCE times the largest motion of any row in d, or of this row in a state of norm `size`.
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -211,8 +210,8 @@ class StepProgram(ArrayRecord):
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
         """Return admissible multipliers (m, block) and (r,) of the increments `d`; compute lam or p if it is not given.
 
-        We solve K d = g - B'lam - D'p by least squares twice, and return the result of smaller gap. In the second solve
-        the law fixes multipliers: w s/|s| of slipping terms, (z)_+/c of soft limits, zero of open bounds.
+        We solve K d = g - B'lam - D'p by least squares twice, and return the result of smaller gap. In the second
+        solve, the law fixes the multipliers of slipping terms, soft limits and open bounds.
         """
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
@@ -279,7 +278,7 @@ class StepProgram(ArrayRecord):
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
         """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
 
-        The state before the step is `before` (n,); the floor includes the rounding errors of this state.
+        The floor includes the rounding errors of the state `before` (n,) the step.
         """
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
@@ -323,11 +322,7 @@ class StepProgram(ArrayRecord):
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
-        """Return the energy that the rounding of the residual r can hide, 1/2 sum_i (ROUNDED a_i)^2 f_i.
-
-        Here a is |g| + |B|'|lam| + |D|'p + |K| (|d| + |before|), the size of terms of r; f is the diagonal of K^{-1}.
-        Rounding of the entries of K is not included.
-        """
+        """Return the energy that the rounding of the residual r can hide (:mod:`.certificate`)."""
         if has_diverged(d):
             return 0.0
         forces = np.abs(self.g) + self.operators.absolute[1].T @ np.abs(np.append(lam, p))
@@ -378,8 +373,7 @@ class StepProgram(ArrayRecord):
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
         """Return increments (n,) within the `rigid` limits, by projections in the energy norm.
 
-        Each round replaces d by d - K^{-1}D'q, the nearest point that satisfies all rows violated so far. q minimises
-        q'Wq / 2 - z'q over q >= 0, with W = D K^{-1}D' and z = D d - e.
+        Each round replaces d by the nearest point d - K^{-1}D'q that satisfies all rows violated so far, with q >= 0.
         """
         from scipy.optimize import nnls
 
@@ -506,10 +500,7 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound of the minimal objective: the dual and the primal objective at the answer.
-
-        Both bounds allow for rounding: the certificate's floor, plus n eps times the sum of the absolute terms.
-        """
+        """Lower and upper bound of the minimal objective: the dual and the primal objective, with room for rounding."""
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size

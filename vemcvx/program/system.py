@@ -264,9 +264,8 @@ class DraggedTerms:
 class Motion:
     """The contributions of moving supports, which prescribe u_D(t): nodal displacements are u = P y + u_D(t).
 
-    With the matrix A of the form a(., .), a(u, u) = y'Ky + 2 y'dirichlet_force + stored. The norm terms measure
-    B (y - y_prev) plus the change of `prescribed_slip` in the step. If supports move a body far and strain it little,
-    the terms of a(u, u) cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    With the matrix A of the form a(., .), a(u, u) = y'Ky + 2 y'dirichlet_force + stored. If supports move a body far
+    and strain it little, these terms cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D

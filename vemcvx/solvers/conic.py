@@ -328,10 +328,7 @@ def polish_answer(newton: PreparedNewton, program: StepProgram, answer: Answer) 
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve by the separate stages of cvxpy's `solve`, and return status and iterations.
-
-    `solve` itself would also warn about inaccuracy, which the certificate measures.
-    """
+    """Solve by the stages of cvxpy's `solve`, without its warnings about inaccuracy; return status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 

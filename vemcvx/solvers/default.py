@@ -1,10 +1,4 @@
-"""User-defined solvers, the direct solver, and the choice of a solver.
-
-Any object with `solve(program, target)` is a solver; it needs no base class and no registration. `solve` receives one
-scaled step at a time, a :class:`vemcvx.program.step_program.StepProgram`, and the requested duality gap. If `solve` has
-parameters named lam and p, they receive multipliers predicted from earlier steps. `solve` returns an Answer, or
-(d, lam, p), (d, lam) or d alone; an integer at the end of a tuple is the number of iterations.
-"""
+"""User-defined solvers (docs/howto/own_solver.md), the direct solver, and the choice of a solver."""
 
 from __future__ import annotations
 
@@ -127,9 +121,8 @@ PATIENCE = 12
 class RunSolver:
     """A solver prepared for a run, under given weights and under laws of friction.
 
-    Newton's method solves steps under laws, and is then both `prepared` and `newton`. Other solvers answer programs
-    with given weights in a fixed-point iteration: the next weights come from one step of `newton` on the active sets of
-    the answer. If the solution has the same active sets, this step gives the weights of the solution.
+    Newton's method solves steps under laws itself. Other solvers answer programs with given weights in a fixed-point
+    iteration: the next weights come from one step of `newton` on the active sets of the answer.
     """
 
     solver: Solver

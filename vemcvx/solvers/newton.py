@@ -24,8 +24,7 @@ operator (iterative linear solvers, very many rows), GMRES solves the system.
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
 Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
 solution. We take these steps if active sets recur, and in space after the first Newton step, too. A kernel enters by
-an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven: if sets recur,
-we first try four points between the last two points of Newton's method, and take the point of least error.
+an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven.
 """
 
 from __future__ import annotations
@@ -161,11 +160,7 @@ def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, comp
 
 
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
-    """Return P (k, N) and its compliances (k,).
-
-    P has a row of the identity for each held row. A slipping term has rows across the direction of slip, and one along
-    it if the weight depends on |s|.
-    """
+    """Return P (k, N) and its compliances (k,): rows of held terms and limits, and across and along slips."""
     (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
@@ -207,21 +202,18 @@ class Search:
         system = system or self._first_system(point)
         s, z = self.delassus.split(point.off)  # Negative z are open gaps, whose size says nothing about forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
-        seen, swept, cycles, last = set[bytes](), None, 0, np.inf
+        seen, swept, last = set[bytes](), None, np.inf
         while True:
-            before, (point, sets, error) = point, self._correct(point, system, least)
+            point, sets, error = self._correct(point, system, least)
             ends = self.count >= self.most or self.safeguards > MAX_SAFEGUARDS
             if error <= STEP_TOLERANCE or (error <= STALL_TOLERANCE and error > 0.5 * last) or ends:
                 return point, replace(system, sets=sets), error
             again = sets.key in seen and sets.key != system.sets.key
-            cycles += again
             seen.add(sets.key)
             starts = self.delassus.operators.block > 1 and swept is None
-            if starts or error == np.inf or (again and (self.law.is_monotone or cycles % 4 == 0)):
+            if starts or error == np.inf or again:
                 swept = point = self._sweep(swept if swept is not None and self.law.is_monotone else point)
                 sets = ActiveSets.at(self.delassus, point, self.law)
-            elif again:
-                point, sets = self._search_between(before, point)
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
@@ -239,7 +231,7 @@ class Search:
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
         """Correct with the factors of a system; return the point, its sets and the error of the law.
 
-        If the sets do not hold a floating body, the error is infinite, unless the given point already obeys the law.
+        If the sets do not hold a floating body, the error is infinite.
         """
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
@@ -264,18 +256,10 @@ class Search:
             last, w = error, new.w
         return point, new, error
 
-    def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
-        """Return the best of four points between `before` and `point`, and its active sets."""
-        dx, da = point.x - before.x, point.a - before.a
-        tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
-        found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
-        return min(found, key=lambda pair: pair[1].law_error(pair[0]))
-
     def _sweep(self, point: Point) -> Point:
         """Return a point nearer to the solution, by projected gradients.
 
-        If K has a kernel, the penalty `norm` * |rest|^2 / 2 is added, where `norm` is the norm of W. As R is
-        orthonormal, the curvature at most doubles. We update multipliers `a` every SWEEPS_PER_MULTIPLIER steps.
+        If K has a kernel, the penalty `norm` * |rest|^2 / 2 is added, where `norm` is the norm of W.
         """
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
@@ -404,11 +388,7 @@ def apply_law_to_answer(
 def correct_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Point]:
-    """Correct increments and forces once, and return the increments and the point.
-
-    The correction removes the residual, motions of held rows, and slips across their forces. If weights depend on
-    slips, the slips are also corrected to those for which the weights were computed.
-    """
+    """Remove the residual, motions of held rows, and slips across their forces; return the increments and the point."""
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)
     left = program.residual(d, lam, p)

@@ -1,32 +1,20 @@
 """March through time by backward Euler, (2.34) of the paper: one certified convex program per step.
 
-- Pose the program of the increment d = y_n - y_{n-1}, with g = load_n - K y_{n-1}, the force that is not balanced yet.
-- Solve the program; if the answer misses the accuracy, solve again with a smaller target.
-- Certify the step on the unknowns of friction and limits, and stored states on all unknowns.
-- Record the state (:mod:`.trajectory`).
-
-With y_n = y_{n-1} + d_n, the unbalanced force after a step, g_n - K d_n, is carried into the next step,
-g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n). So increments keep their digits if steps are tiny compared with y.
+A step is posed for the increment d_n = y_n - y_{n-1}, with the unbalanced force g_n = load_n - K y_{n-1}. This force is
+carried along, g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n), so that increments keep their digits if steps are tiny
+compared with y. A step that misses the accuracy is solved again, with a smaller target.
 
 Dashpots add the form b(u', v) to a(u, v). Nodal displacements are u = P y + u_D, with the motion u_D of supports. The
 matrix of b is A_b for displacements u, and C for unknowns y. In a step of length k, K + C/k replaces K, and moving
-supports add the force -P'A_b (u_D,n - u_D,n-1) / k. Such systems are not condensed. The certificate bounds the error in
-the norm of K + C/k.
+supports add the force -P'A_b (u_D,n - u_D,n-1) / k. The certificate bounds the error in the norm of K + C/k.
 
-Errors are relative to the largest energy norm of the states so far. A body that moves without strains has no energy:
-its norm is only rounding. So if all states so far count as zero, the reference is the largest energy norm that the data
-could cause: a load f causes |K^{-1}f|_K without contact and friction. A state counts as zero if its norm is only
-rounding, or at most `accuracy` times this reference.
+Errors are relative to the largest energy norm of the states so far. If all states so far count as zero, errors are
+relative to the largest energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction.
+A state counts as zero if its norm is only rounding, or at most `accuracy` times this reference.
 
-A march begins from a state u_0 that obeys condition (2.1): a(u_0, v) + j(v) >= <l(0), v> for all v. The condition holds
-if and only if one step at times[0] from u_0 returns u_0. Otherwise the distance of u_0 from a state that obeys (2.1) is
-at most the jump of this step plus its certified error. This bound is the certificate of step 0. It also bounds the
-change of later states under given weights and without limits, because step maps are then nonexpansive. The projection
-P^h u_0, (3.26), violates (2.1) by O(h), because loads and friction have other quadratures than a(u_0, v). So a run that
-is given P^h u_0 begins after one step at times[0], unless settle=False.
-
-We do not use the midpoint rule: its states at the instants violate (2.1), and its order is also one if slips begin
-inside steps (problems/midpoint_rule.py).
+A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. Otherwise the
+distance of u_0 from a state that obeys (2.1) is at most the jump of this step plus its certified error. This bound is
+the certificate of step 0. A run that is given P^h u_0, (3.26), begins after one step at times[0], unless settle=False.
 """
 
 from __future__ import annotations
@@ -210,10 +198,7 @@ class PosedStep:
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
-    """Pose the step from `before` to the instant of the data `now`, with weights `w` (m,) if they are given.
-
-    By default, weights that depend on the answer are evaluated at the pressures of `before` and the slips so far.
-    """
+    """Pose the step from `before` to `now`; by default, weights `w` (m,) are those for the pressures of `before`."""
     norms, damping, k = run.system.norms, run.system.damping, now.t - before.t
     if w is None:
         m = run.operators.count
@@ -232,10 +217,9 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
-    """Return the largest energy norm that moving ground can cause.
+    """Return the largest energy norm that ground moving by g_i can cause, with flexibilities f_i of terms.
 
-    The ground at term i moves by g_i, and the term has the flexibility f_i. A body that follows the ground has the
-    norm max_i |g_i| / f_i^{1/2}, but friction forces cause at most sum_i w_i f_i^{1/2}: return the smaller value.
+    This is max_i |g_i| / f_i^{1/2} if a body follows the ground, but at most sum_i w_i f_i^{1/2} by friction forces.
     """
     if ground is None:
         return 0.0
@@ -261,10 +245,7 @@ def prepare(
     linear: LinearSolver | None = None,
     shortest: float = np.inf,
 ) -> PreparedRun:
-    """Factorise, condense, and prepare the solver of a run; raise SceneError for settings of wrong types.
-
-    `shortest` is the length of the shortest step, for a warning about laws of slip rates.
-    """
+    """Prepare a run, whose shortest step has the length `shortest`; raise SceneError for settings of wrong types."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -423,11 +404,7 @@ WARNING_RATIO = 3.0
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
-    """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1).
-
-    If a given state violates (2.1) only by rounding of the largest load, the run begins after a step at this instant.
-    With damping, every given state is accepted. Under a law of slip rates, the end of another run is accepted.
-    """
+    """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1)."""
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)
     given = make_given_state(run, now, y, initial.past if isinstance(initial, Continued) else None)

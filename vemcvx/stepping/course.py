@@ -1,9 +1,7 @@
 """The course of a run's data in time: samples of loads, gaps, friction bounds and motions, with bends, turns and jumps.
 
 For each kind of data we sample one sum with random weights, at the ends and midpoints of all steps, and at intervals of
-at most 1/256 of the run. Changes that begin and end between two samples are not found. A *bend* lies between two
-samples, where the lines through two earlier and two later samples meet. A *turn* is the vertex of the parabola through
-three samples whose middle one is extreme. A *jump* is a change that stays large when its interval is halved repeatedly.
+at most 1/256 of the run. Changes that begin and end between two samples are not found.
 """
 
 from __future__ import annotations

@@ -156,9 +156,7 @@ def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[flo
     """Return rho, the ratio of softening to stiffness, and the term that contributes most; None if rho is unknown.
 
     Weights fall by at most k_i = `softening` (m,) per slip. rho is the largest eigenvalue of
-    k^{1/2} B K^{-1} B' k^{1/2}, so that sum_i k_i |(B e)_i|^2 <= rho |e|_K^2. If rho < 1, a step has one solution: the
-    difference e of two solutions satisfies |e|_K^2 = -(lam - lam*).Be - (p - p*).De. Here -(p - p*).De <= 0, and
-    -(lam - lam*).Be <= sum k_i (|s_i| - |s*_i|)^2 <= rho |e|_K^2. With iterative linear solvers rho is not computed,
+    k^{1/2} B K^{-1} B' k^{1/2}. If rho < 1, a step has one solution. With iterative linear solvers rho is not computed,
     because B K^{-1} B' would take one solve per row.
     """
     if softening is None or (softening.any() and not operators.factor.exact):

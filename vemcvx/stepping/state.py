@@ -1,7 +1,5 @@
 """The data of a run and of an instant, the state after a step, and its ledger of energies.
 
-States store the unknowns on which friction and limits act. The interior unknowns follow from them and from the load.
-
 The ledger of a step of backward Euler has the entries below. The letter d marks a change in the step. Norm terms
 have the forces lam, limits have the forces p and the compliances c. The motion of supports minus the motion of the
 ground, measured like a slip, is h. D^ are the rows of limits on u, and g = e - D^u_D is the gap at y = 0.
@@ -13,9 +11,9 @@ loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a s
 identity   work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2)  in a step with a balanced answer; z = D^u - e.
            For hard limits p . dz = -p . z_prev >= 0. For soft limits p . dz - d(c p^2 / 2) >= c (dp)^2 / 2
 
-If supports prescribe the motion of a contact node, its slip s is the change of h. Such nodes are not in the program.
-They add w |s| to the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v)
-dissipate b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
+Contact nodes whose motion supports prescribe are not in the program. Their slip s is the change of h; they add w |s| to
+the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
+b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 
 The sums above are of first order in the length of steps. The trapezoidal rule gives a loss of second order, and the
 energy balance of the continuum gives a work of second order:
@@ -221,9 +219,8 @@ class State:
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
     """Recover all unknowns of states that lack the interior unknowns, and certify these states on the full system.
 
-    Norm terms and limits keep their parts of the step's certificate. The equilibrium part is the energy of the residual
-    r = load - B'lam - D'p - K y of all unknowns; it is zero if r is only rounding, which the floor covers. If this
-    energy is too large, interior unknowns are corrected once. The part of r on K's kernel is rounding, and removed.
+    The equilibrium part of a certificate becomes the energy of the residual r = load - B'lam - D'p - K y of all
+    unknowns. It is zero if r is only rounding. If it is too large, interior unknowns are corrected once.
     """
     if not states:
         return []
@@ -310,10 +307,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
 
 
 def losses(before: State, after: State) -> tuple[Floats, Floats]:
-    """Return the losses lam . s (terms,) of a step, and the losses with the mean weights of both ends of the step.
-
-    lam . s equals w |s| up to rounding, and stays small if a term with a large weight slips by rounding only.
-    """
+    """Return the losses lam . s (terms,) of a step, and the losses with the mean weights of both ends of the step."""
     w, loss = after.weights, np.maximum(np.einsum("mb,mb->m", after.lam, after.slip), 0.0)
     if np.array_equal(before.bound, w) and np.array_equal(after.bound, w):
         return loss, loss

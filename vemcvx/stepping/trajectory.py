@@ -1,8 +1,7 @@
 """The trajectory that `march` returns (states, multipliers, energies, certificates), its recorder, and its storage.
 
-Rows are stored in memory, or in a folder, with one memory-mapped ``.npy`` file per array. A history in a folder may
-exceed the memory. ``checkpoint.npy`` contains the number of the last stored step, from which an interrupted run
-continues. :mod:`vemcvx.base.owned_files` describes which files belong to a run.
+A folder has one memory-mapped ``.npy`` file per array. ``checkpoint.npy`` contains the number of the last stored step,
+from which an interrupted run continues.
 """
 
 from __future__ import annotations
@@ -51,10 +50,7 @@ class Memory:
 
 
 class Folder(Owned):
-    """Storage of rows in files of a folder, for a new run or to resume an earlier run; use it in a ``with`` block.
-
-    It raises HistoryError if the folder cannot be created or written to, or if another process uses it.
-    """
+    """Storage of rows in files of a folder, for a new run or to resume an earlier run; use it in a ``with`` block."""
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -66,10 +62,7 @@ class Folder(Owned):
         return self._resumes and (self.path / CHECKPOINT).exists()
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
-        """Return the array of an earlier run if it is `kept`, else a new file of zeros.
-
-        Histories that still map an earlier file of this name keep the contents of that file.
-        """
+        """Return the array of an earlier run if it is `kept`, else a new file of zeros."""
         if 0 in shape:
             return np.zeros(shape, dtype)
         file = self.take(f"{name}.npy")
@@ -211,10 +204,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate(self) -> Floats:
-        """The certified relative energy error (N + 1,) of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a.
-
-        While all |u_m|_a are zero at the requested accuracy, errors are relative to a norm of the data.
-        """
+        """The certified relative energy error (N + 1,) of each step: sqrt(2 gap_n) / `unit`."""
         return relative(np.sqrt(2 * self.gap), self.unit)
 
     @property
@@ -224,7 +214,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate_floor(self) -> Floats:
-        """The rounding floor (N + 1,) of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
+        """The rounding floor (N + 1,) of `certificate`: sqrt(2 floor_n) / `unit`."""
         return relative(np.sqrt(2 * self.floor), self.unit)
 
     @property
@@ -247,8 +237,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        With given weights and without limits the step map u_prev -> u_n is nonexpansive in the energy norm, so
-        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). If limits act, the sum is not a bound.
+        With given weights and without limits, |u_n - u_n*|_a is at most this sum. If limits act, it is not a bound.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 

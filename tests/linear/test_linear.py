@@ -1,10 +1,9 @@
-"""Linear solvers: their conformance suite, large blocks, memory, the choice by size, and user-defined classes."""
+"""Linear solvers: their conformance suite, memory, and user-defined classes."""
 
 import os
 import subprocess
 import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from installed import needs
 from scenes import long_cases, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
+from vemcvx.linear import Iterative, Pardiso, SuperLU
 from vemcvx.results.files import peak_memory_mb
 from vemcvx.scene import pose_scene
 from vemcvx.testing import linear_suite
@@ -56,17 +55,6 @@ def test_unused_factors_free_their_memory(linear):
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     second, later = map(float, run.stdout.split())
     assert later < max(second, 1.0)
-
-
-def test_the_choice_is_by_size_and_can_be_overridden(caplog):
-    direct = Pardiso() if Pardiso.is_installed() else SuperLU()
-    assert choose_linear(1_000_000) == direct
-    assert choose_linear(100) == SuperLU()
-    assert choose_linear(10, Iterative(tolerance=1e-8)) == Iterative(tolerance=1e-8)
-    with caplog.at_level("INFO", logger="vemcvx"):
-        chosen = choose_linear(3_000_000)
-    assert "3000000 unknowns" in caplog.text
-    assert chosen == (Iterative() if find_spec("pyamg") else direct)
 
 
 @dataclass(frozen=True)

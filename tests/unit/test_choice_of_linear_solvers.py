@@ -21,6 +21,8 @@ def test_iterative_solvers_start_at_fewer_unknowns_in_space_than_in_the_plane(mo
     monkeypatch.setattr(Pardiso, "is_installed", staticmethod(lambda: installed))
     direct = Pardiso() if installed else SuperLU()
     able = Iterative() if find_spec("pyamg") else direct
+    assert choose_linear(100) == SuperLU()
+    assert choose_linear(100, Iterative(tolerance=1e-8)) == Iterative(tolerance=1e-8)
     assert choose_linear(66_825, modes=6) == direct
     assert choose_linear(2_000_000, modes=6) == able
     assert choose_linear(260_000, modes=6) == (direct if installed else able)

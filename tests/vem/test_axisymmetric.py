@@ -1,6 +1,5 @@
 """Bodies of revolution: patch tests, Lame's tube, a press fit, and refusals."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import meshio
@@ -133,11 +132,10 @@ class Own(vx.effects.MaterialLaw):
     """A user-defined material with Lame's constants lam = mu = 1."""
 
     plane: str = "axisymmetric"
-    moduli_of: Callable = moduli_of_revolution
 
     def contribute(self, space):
         n = space.mesh.n_cells
-        moduli = self.moduli_of(np.ones(n), np.ones(n))
+        moduli = moduli_of_revolution(np.ones(n), np.ones(n))
         return Contribution(material=Material("Own", moduli, np.zeros((n, space.components)), "axisymmetric"))
 
     def describe(self):
@@ -145,14 +143,10 @@ class Own(vx.effects.MaterialLaw):
 
 
 def test_a_user_defined_material_agrees_with_the_material_of_the_package():
-    mesh, rest = (
-        vx.meshes.voronoi(4, box=((0.0, 1.0), (0.0, 1.0))),
-        (vx.Symmetry(on="bottom"), vx.Pressure(1e-3, on="top")),
-    )
+    mesh, rest = vx.meshes.voronoi(4), (vx.Symmetry(on="bottom"), vx.Pressure(1e-3, on="top"))
     own, ours = (
         vx.simulate(vx.Scene(one, *rest), mesh, [0.0, 1.0], initial="equilibrium") for one in (Own(), steel(2.5, 0.25))
     )
     assert own.displacement == pytest.approx(ours.displacement, abs=1e-14)
-    for wrong in (Own(moduli_of=lambda lam, mu: np.stack([lam, mu])), Own(plane="strain")):
-        with pytest.raises(vx.SceneError, match="a material of a body of revolution has the attribute plane"):
-            vx.simulate(vx.Scene(wrong, *rest), mesh, [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="a material of a body of revolution has the attribute plane"):
+        vx.simulate(vx.Scene(Own(plane="strain"), *rest), mesh, [0.0, 1.0])

@@ -64,7 +64,7 @@ def picture(history):
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")
     body, graph = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
-    how = {"stress": "xx", "forces": "friction", "limits": (-6.5, 0.0), "units": UNITS}
+    how = {"stress": "xx", "forces": "friction", "units": UNITS}
     vx.plots.stressed_body(history, step=-1, ax=body, **how)
     corner, fine = np.argmin(history.contact.points[:, 0]), vx.simulate(scene(), history.mesh, times(200))
     graph.plot(course(fine.times), fine.contact.slip[:, corner, 0], "k-", label="200 steps, the reversal met")

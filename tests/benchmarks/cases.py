@@ -1,4 +1,4 @@
-"""The benchmarks: the paper's reference run, a block in space, assembly, time up to a million unknowns, imports."""
+"""The benchmarks: the paper's reference run, a block in space, assembly, time up to a million unknowns."""
 
 from __future__ import annotations
 
@@ -147,16 +147,6 @@ def growth_row(growth: list[dict], linear: str) -> Row:
         np.log(last["unknowns"] / first["unknowns"]),
         "<= 1.3",
     )
-
-
-def measure_imports() -> list[Row]:
-    """Measure the import of the package against the import of numpy and scipy.sparse."""
-    code = (
-        "import time; t = time.perf_counter(); import numpy, scipy.sparse{more}; out = dict(s=time.perf_counter() - t)"
-    )
-    programs = [partial(in_a_process, code.format(more=more)) for more in ("", ", vemcvx")]
-    bare, ours = alternate(*programs, repeats=5)
-    return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "reference + 0.6 s")]
 
 
 def draw_picture(growths: dict[str, list[dict]], path: Path) -> None:

@@ -36,7 +36,6 @@ def main() -> None:
         *cases.measure_paper(n),
         *cases.measure_space(12 if arguments.quick else 24),
         *cases.measure_assembly(n),
-        *cases.measure_imports(),
     ]
     sizes = [32, 64, 128] if arguments.quick else [128, 181, 256, 362, 512, 707]
     growths = {name: cases.measure_growth(sizes, name) for name in cases.LINEAR}

@@ -247,8 +247,7 @@ _figure
 #
 # `vemcvx.testing.effect_suite` tests what *every* effect must do. For example, an effect returns equal arrays when
 # called twice, remembers no mesh, and refuses unknown names. It can be copied to another process, and does not depend
-# on its place in the scene. `tests/effects/test_lesson_8.py` applies all of these tests to the dashpots of this lesson.
-# CONTRIBUTING.md has a recipe for adding an effect to the library.
+# on its place in the scene. CONTRIBUTING.md has a recipe for adding an effect to the library.
 
 # %%
 for _wrong in (-1.0, np.nan, lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0)):

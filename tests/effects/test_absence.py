@@ -22,8 +22,6 @@ VOID = {
     "Tresca": (vx.TrescaFriction(zero, on="bottom"), SUPPORTED[:-1], "TrescaFriction on bottom: its bound is zero"),
     "Coulomb": (vx.CoulombFriction(0.0, on="left"), TOUCHED, "CoulombFriction on left: its bound is zero"),
     "capped": (vx.CoulombFriction(0.3, on="left", cap=0.0), TOUCHED, "CoulombFriction on left: its bound is zero"),
-    "Unilateral": (vx.UnilateralContact(on="right"), SUPPORTED, "Contact on right: other effects hold all its nodes"),
-    "Tresca, held": (vx.TrescaFriction(3.0, on="right"), SUPPORTED, "on right: other effects hold all its nodes"),
 }
 
 

@@ -123,13 +123,6 @@ SAMPLES = {
         {"young": 1, "poisson": 1},
         {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit", "on": REST},
     ),
-    "Elasticity, varying, plane stress": EffectSample(
-        vx.Elasticity(young=stiff, poisson=0.2, plane="stress", stabilisation="unit"),
-        LOADED[1:],
-        (STEEL,),
-        {"young": 1, "poisson": 1},
-        {"young": 225.0, "poisson": 0.1, "plane": "strain", "stabilisation": "shear", "on": REST_STRESS},
-    ),
     "Orthotropic": EffectSample(
         vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0, angle=0.4),
         LOADED[1:],
@@ -152,12 +145,6 @@ SAMPLES = {
         ON_FLOOR,
         data={"value": 2},
         others={"value": (0.0, 0.0), "on": "bottom", "direction": Other("normal", {"value": lift})},
-    ),
-    "PrescribedDisplacement, oblique": EffectSample(
-        vx.PrescribedDisplacement(lift, on="left", direction=(1.0, 2.0)),
-        ON_FLOOR,
-        data={"value": 1},
-        others={"value": 0.0, "on": "bottom", "direction": "tangent"},
     ),
     "BodyForce": EffectSample(vx.BodyForce(weigh), ON_FLOOR, data={"force": 2}, others={"force": pull, "on": "west"}),
     "Traction": EffectSample(
@@ -206,20 +193,6 @@ SAMPLES = {
         (STEEL, HELD, SHAKEN, TOUCHING),
         data={"bound": 1, "ground": 2},
         others={"bound": 2.0, "on": "left", "quadrature": "integral", "while_closed": UNPRESSED, "ground": belt},
-    ),
-    "TrescaFriction, integral, on a belt": EffectSample(
-        vx.TrescaFriction(uneven, on="bottom", quadrature="integral", ground=belt),
-        (STEEL, HELD, PULLED, TOUCHING),
-        (vx.TrescaFriction(uneven, on="bottom"),),
-        {"bound": 1, "ground": 2},
-        {"bound": 5.0, "on": "left", "quadrature": "nodes", "while_closed": UNPRESSED, "ground": slide},
-    ),
-    "CoulombFriction on a belt": EffectSample(
-        vx.CoulombFriction(grip, on="bottom", ground=belt),
-        (STEEL, HELD, PRESSED, vx.UnilateralContact(on=["bottom", "left"])),
-        (vx.CoulombFriction(grip, on="bottom"),),
-        {"coefficient": 1, "cap": 1, "ground": 2},
-        {"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": slide},
     ),
     "UnilateralContact": EffectSample(
         vx.UnilateralContact(on="bottom", gap=apart),

@@ -69,12 +69,6 @@ SAMPLES = {
             "on": flat.REST,
         },
     ),
-    "PrescribedDisplacement, oblique": EffectSample(
-        vx.PrescribedDisplacement(flat.lift, on="left", direction=(1.0, 2.0, -1.0)),
-        (flat.STEEL, flat.HELD, flat.TOUCHING, RUBBING),
-        data={"value": 1},
-        others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0, 0.0)},
-    ),
     "Rigid": EffectSample(
         vx.Rigid(on="left", force=flat.pull, moment=flat.weigh),
         (flat.STEEL, vx.ElasticFoundation(normal=20.0, tangential=10.0, on="right")),

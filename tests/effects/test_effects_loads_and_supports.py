@@ -83,28 +83,6 @@ def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
     assert history.energy[-1] == pytest.approx(0.5 * force * strain * LENGTH, rel=1e-11)
 
 
-def test_the_springs_matrix_is_the_mass_matrix_of_the_edges(family):
-    """For affine k and u, Simpson's rule gives int k (u . n)^2 ds exactly; the matrix is symmetric to the bit."""
-    mesh, _ = rotate(small(family, 3), 20.0)
-
-    def k(x):
-        return 2.0 + x[:, 0] + 0.5 * x[:, 1]
-
-    F = vx.ElasticFoundation(normal=k, tangential=lambda x: 3 * k(x), on="boundary").contribute(Space(mesh)).stiffness
-    assert (F != F.T).nnz == 0
-    rng = np.random.default_rng(0)
-    u = rng.standard_normal(mesh.points.shape)
-    exact = 0.0
-    for a, b in mesh.boundaries["boundary"]:
-        chord = mesh.points[b] - mesh.points[a]
-        length = np.linalg.norm(chord)
-        normal, tangent = np.array([chord[1], -chord[0]]) / length, chord / length
-        ends = mesh.points[[a, b]]
-        for at, v, weight in ((ends[0], u[a], 1), (ends.mean(axis=0), (u[a] + u[b]) / 2, 4), (ends[1], u[b], 1)):
-            exact += length / 6 * weight * k(at[None])[0] * ((v @ normal) ** 2 + 3 * (v @ tangent) ** 2)
-    assert u.ravel() @ (F @ u.ravel()) == pytest.approx(exact, rel=1e-13)
-
-
 def test_springs_hold_only_the_motions_that_stretch_them():
     """Normal springs on one side leave a translation free; springs on one of two pieces leave the other piece free."""
     one = vx.meshes.squares(3)
@@ -148,23 +126,3 @@ def test_loads_and_strains_act_in_their_own_cells_only():
         assert "one" in history.effects[[type(effect).__name__ in words for words in history.effects].index(True)]
     total = vx.simulate(vx.Scene(*held, vx.BodyForce((0.0, 3.0), on="one")), mesh, [0.0, 1.0], initial="settled")
     assert total.force(vx.BodyForce)[-1] == pytest.approx([0.0, 6.0], abs=1e-12)
-
-
-@pytest.mark.long
-def test_bounds_and_estimates_read_a_body_force_on_some_cells():
-    """A force on the cells of the right half equals a function that jumps along the edges of these cells."""
-    mesh = vx.meshes.squares(4)
-    mesh = mesh.with_cell_data("half", 1.0 * (mesh.centroids[:, 0] > 0.5))
-    held = vx.Elasticity(100.0, 0.3), vx.Clamp(on="left")
-    on_cells, by_place = (
-        vx.simulate(vx.Scene(*held, force), mesh, [0.0, 1.0], initial="settled")
-        for force in (
-            vx.BodyForce(lambda x, t: (0.0 * x[:, 0] + [[0.0], [-1.0]]).T, on="half"),
-            vx.BodyForce(lambda x, t: np.column_stack([0 * x[:, 0], -1.0 * (x[:, 0] > 0.5)])),
-        )
-    )
-    assert on_cells.energy[-1] == pytest.approx(by_place.energy[-1], rel=1e-12)
-    one, other = (vx.error_bound(history, 1) for history in (on_cells, by_place))
-    assert (one.lower, one.upper) == pytest.approx((other.lower, other.upper), rel=1e-9)
-    one, other = (vx.error_budget(history) for history in (on_cells, by_place))
-    assert one.largest["space"] == pytest.approx(other.largest["space"], rel=1e-9)

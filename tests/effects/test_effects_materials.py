@@ -8,7 +8,6 @@ from scenes import any_family, mostly_long, small
 from test_effects_loads_and_supports import Pin, is_near
 
 import vemcvx as vx
-from vemcvx.scene import pose_scene
 
 BOX = ((0.0, 2.0), (0.0, 1.0))
 
@@ -34,20 +33,6 @@ def test_a_bar_of_two_materials_has_two_strains(family):
     across = np.where(mesh.cell_data["west"], lam[0] * strain[0], lam[1] * strain[1])
     assert is_near(history.stress(-1), np.column_stack([s + 0 * across, across, 0 * across]), s)
     assert is_near(history.reaction("left")[-1, 0], -s, s)
-
-
-@any_family
-def test_regions_equal_one_material_with_moduli_per_cell(family):
-    """Stiffness matrices differ by the rounding of sums over cells only."""
-    mesh = halves(small(family, 4), at=0.4)
-    west = mesh.cell_data["west"]
-    one = pose_scene(vx.Scene(vx.Elasticity(np.where(west, 5.0, 80.0), 0.3), vx.Clamp("left")), mesh)
-    parts = (vx.Elasticity(5.0, 0.3, on="west"), vx.Elasticity(80.0, 0.3, on="east"))
-    two = pose_scene(vx.Scene(*parts, vx.Clamp("left")), mesh)
-    assert np.abs(one.A - two.A).max() < 1e-14 * np.abs(one.A).max()
-    assert (two.A != two.A.T).nnz == 0
-    assert np.array_equal(one.material.moduli, two.material.moduli)
-    assert np.array_equal(one.material.thermal_stress_moduli, two.material.thermal_stress_moduli)
 
 
 @any_family

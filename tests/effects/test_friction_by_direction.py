@@ -116,34 +116,6 @@ def test_a_sheared_block_follows_its_closed_form(family, name):
         assert vx.error_budget(history).space.max() < 1e-6 * np.sqrt(2 * history.energy.max())
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("across", [0.15, 0.6, 0.0])
-def test_coulombs_law_equals_trescas_law_with_bounds_from_its_pressures(across):
-    """Pressures are not uniform, and some nodes open."""
-    times, mesh = np.linspace(0.0, 1.0, 5), vx.meshes.voronoi3(3)
-    frame = (
-        vx.Elasticity(2000.0, 0.3),
-        vx.PrescribedDisplacement([0.0, 0.0, -0.002], on="top"),
-        vx.Traction(lambda x, t: [3 * np.sin(3 * t), 2 * t, 4 * t], on=["right", "left"]),
-        vx.UnilateralContact(on="bottom"),
-    )
-    way = {"on": "bottom", "direction": (1.0, 0.5, 0.0)}
-    follows = vx.simulate(
-        vx.Scene(*frame, vx.CoulombFriction(0.4, across=across, **way)), mesh, times, initial="settled"
-    )
-    assert follows.certificate_kind == "for the given friction"
-    contact = follows.contact
-    assert contact.slip_count[1:].max() > 3
-
-    def bound(x, t, coefficient=0.4):
-        nearest = np.linalg.norm(x[:, None] - contact.points, axis=2).argmin(axis=1)
-        return coefficient * contact.pressure[round(4 * t), nearest]
-
-    given = vx.TrescaFriction(bound, across=lambda x, t: bound(x, t, across), while_closed=False, **way)
-    told = vx.simulate(vx.Scene(*frame, given), mesh, times, initial="settled")
-    assert np.abs(told.displacement - follows.displacement).max() < 1e-6 * np.abs(told.displacement).max()
-
-
 def test_directions_are_projected_onto_the_surface():
     """Two sides of a block use different tangential components of one direction."""
     rubs = vx.TrescaFriction(2.0, on=["left", "front"], direction=lambda x: x * 0.0 + [1.0, 1.0, 2.0], across=1.0)

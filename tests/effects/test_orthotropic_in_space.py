@@ -1,7 +1,6 @@
 """Orthotropic bodies in space: closed forms, rotated axes, and isotropic bodies as a special case."""
 
 import numpy as np
-import pytest
 from scenes import mostly_long
 from scipy.spatial.transform import Rotation
 from solids import SOLIDS, solid
@@ -48,24 +47,6 @@ def test_affine_displacements_have_the_stress_of_hookes_law(name):
     for row in history.stress(-1):
         np.testing.assert_allclose(tensor(row), stress, atol=1e-10)
     assert history.von_mises(-1).shape == (history.mesh.n_cells,)
-
-
-@pytest.mark.long
-def test_isotropic_constants_give_the_answer_of_elasticity():
-    mesh, nu = vx.meshes.kelvin(2), 0.3
-    iso = vx.Orthotropic((10.0,) * 3, (nu,) * 3, (10.0 / (2 * (1 + nu)),) * 3, axes=(TURN[0], TURN[1]))
-    pushed = (
-        vx.Clamp(on="bottom"),
-        vx.Traction(lambda x, t: t * np.column_stack([x[:, 1], 0.2 + 0 * x[:, 0], -x[:, 2]]), on="right"),
-        vx.ThermalStrain(1e-3, lambda x, t: t * x[:, 0]),
-    )
-    one, other = (
-        vx.simulate(vx.Scene(material, *pushed), mesh, [0.0, 1.0]) for material in (iso, vx.Elasticity(10.0, nu))
-    )
-    np.testing.assert_allclose(one.displacement, other.displacement, atol=1e-12)
-    np.testing.assert_allclose(one.stress(-1), other.stress(-1), atol=1e-11)
-    assert vx.measures.energy_distance(one, other).relative < 1e-11
-    assert vx.error_budget(one).space[-1] == pytest.approx(vx.error_budget(other).space[-1], rel=1e-9)
 
 
 def test_axes_may_be_functions_of_position():

@@ -56,18 +56,6 @@ def test_contact_bears_the_difference_of_outer_and_inner_pressure():
     assert history.stress(-1)[:, 1] == pytest.approx(-5.0, abs=1e-9)
 
 
-@pytest.mark.long
-def test_bounds_and_estimates_count_both_bodies():
-    """Two mirror images have twice the squared error bound of one body, and the same relative error estimate."""
-    mesh, lower = stacked(("squares", "squares"), (4, 4))
-    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Pressure(2.0, on="top"))
-    alone, both = vx.simulate(scene, lower, [0.0, 1.0], initial="settled"), blown_up(mesh)
-    one, two = (vx.error_bound(history, 1) for history in (alone, both))
-    assert two.upper**2 == pytest.approx(2 * one.upper**2, rel=1e-6)
-    one, two = (vx.error_budget(history).largest["space"] for history in (alone, both))
-    assert two == pytest.approx(one, rel=1e-6)
-
-
 @mostly_long("dim", [2, 3])
 def test_parts_of_an_interface_have_names(dim, tmp_path):
     """A fluid presses one half of a joint apart, and the other half rubs: effects accept the names of parts."""

@@ -99,46 +99,6 @@ def test_constant_stress_passes_an_interface_in_space(family, kind):
     assert_patch(two_blocks(family, NEXT[family], n, angle=0.4 if kind == "sliding" else 0.0), kind)
 
 
-# Action and reaction.
-
-
-def dragged_over(*contact):
-    """Return the scene of an upper block that is pressed and pulled, and that only the lower block holds."""
-    return vx.Scene(
-        vx.Elasticity(YOUNG, POISSON),
-        vx.Clamp(on="lower.bottom"),
-        vx.Pressure(lambda x, t: t, on="upper.top"),
-        vx.Traction(lambda x, t: [0.2 * t, 0.1 * t, 0.0], on="upper.left"),
-        *contact,
-    )
-
-
-EFFECTS = {
-    "compliant": [vx.NormalCompliance(50.0, on=JOINT), vx.CoulombFriction(0.5, on=JOINT)],
-    "bilateral": [vx.BilateralContact(on=JOINT), vx.TrescaFriction(lambda x, t: 0.5 + x[:, 0], on=JOINT)],
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", EFFECTS)
-def test_contact_forces_on_two_bodies_are_opposite(kind):
-    mesh = two_blocks("voronoi3", "tetrahedra", (2, 2), angle=0.3)
-    history = vx.simulate(dragged_over(*EFFECTS[kind]), mesh, np.linspace(0, 1, 4))
-    contact, forces = history.contact, history.forces[-1]
-    assert (contact.partners >= 0).all()
-    assert len(contact.nodes) == len(mesh.interfaces[JOINT].pairs)
-    assert contact.points == pytest.approx(mesh.points[contact.partners], abs=0)
-    # Only contact acts on these nodes.
-    free = ~np.isin(contact.partners, nodes_of(mesh, ["upper.left"]))
-    i, j = contact.nodes[free], contact.partners[free]
-    size = np.abs(forces).max() * mesh.n_nodes
-    assert np.abs(forces[i] + forces[j]).max() < 1e-12 * size
-    shown = contact.traction * contact.friction_lengths[:, None]
-    shown = shown - (contact.pressure * contact.lengths)[:, :, None] * contact.normals
-    assert np.abs(forces[i] - shown[-1][free]).max() < 1e-12 * size
-    assert np.abs(shown[-1]).max() > 0
-
-
 @pytest.mark.parametrize(
     ("layers", "friction"),
     [(2, False), pytest.param(1, True, marks=pytest.mark.long)],
@@ -187,17 +147,3 @@ def test_bodies_slide_along_a_curve_but_not_around_corners():
     assert np.abs(history.displacement[-1] - turned).max() < 1e-13
     assert np.abs(history.contact.pressure).max() < 1e-13
     assert turned_in(4).energy[-1] > 1e-3
-
-
-def test_constant_pressure_passes_a_curve():
-    """A ring presses a disc uniformly: strains are uniform, and there is no friction."""
-    disc, rim = vx.meshes.ring([0.0, 0.5, 2.0], 16), vx.meshes.ring([2.0, 3.0], 16)
-    scene = vx.Scene(
-        vx.Elasticity(1.0, 0.3),
-        vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),
-        vx.UnilateralContact(on="a|b"),
-        vx.TrescaFriction(1.0, on="a|b"),
-    )
-    history = vx.simulate(scene, bodies({"a": disc, "b": rim}), [0.0, 1.0])
-    assert np.abs(history.displacement[-1] + 0.01 * history.mesh.points).max() < 1e-12
-    assert np.abs(history.contact.traction).max() < 1e-12

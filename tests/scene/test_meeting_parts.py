@@ -87,22 +87,6 @@ def test_the_bound_where_two_parts_meet_is_the_mean_over_their_edges(family):
 
 
 @few_families
-def test_the_coefficient_where_two_parts_meet_is_the_mean_over_their_edges(family):
-    mesh, low, high = floor(family), 0.03, 0.1
-    rubs = vx.CoulombFriction(low, on="west"), vx.CoulombFriction(high, on="east")
-    contact = run(mesh, vx.UnilateralContact(on="bottom"), *rubs).contact
-    west, east = (share(mesh, name, contact.nodes) for name in ("west", "east"))
-    mean = (low * west + high * east) / (west + east)
-    peak = contact.pressure.max()
-    # Weights and pressures agree to the accuracy of the step, 1e-8 in the energy norm.
-    assert np.abs(contact.bound - mean * contact.pressure)[1:].max() < 1e-6 * peak
-    rubs = np.linalg.norm(contact.traction, axis=2) - mean * contact.pressure
-    assert rubs[1:].max() < 1e-6 * peak
-    assert np.abs(rubs[1:][~contact.sticking[1:]]).max() < 1e-6 * peak
-    assert (~contact.sticking[1:] & (west * east > 0)).any()
-
-
-@few_families
 def test_friction_at_the_end_of_a_part_is_integrated_over_this_part_only(family):
     mesh = floor(family)
     contact = run(mesh, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.4, on="inner")).contact

@@ -4,7 +4,6 @@ import cvxpy as cp
 import numpy as np
 import pytest
 import skfem
-from scenes import mostly_long
 from skfem.models.elasticity import linear_elasticity
 
 import vemcvx as vx
@@ -122,21 +121,3 @@ def test_wear_is_traction_times_displacement():
     assert (np.abs(along[0] - contact.wear[1])[edge] > 0.01 * contact.wear[1, edge]).all()
     out_of_plane = np.einsum("md,md->m", contact.traction[1], contact.normals)
     assert np.abs(out_of_plane[~edge]).max() < 1e-9
-
-
-@mostly_long("on", [["bottom", "front"], ["bottom", "front", "left"]], 1, ids=len)
-@mostly_long("coefficient", [0.1, 0.3], 1)
-def test_newton_solves_coulombs_law_at_edges_and_corners(on, coefficient):
-    """Few linear systems suffice (2 were measured), and forces are within their bounds."""
-    press = vx.Traction(lambda x, t: [0.0, 0.0, -0.02 * t], on="top")
-    rubs = vx.UnilateralContact(on=on), vx.CoulombFriction(coefficient, on=on)
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"), press, *rubs)
-    history = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0])
-    assert history.certificate.max() < 1e-8
-    assert history.iterations[-1] <= 20
-    # Only nodes on a single face have a single bound.
-    alone = history.contact.closed[-1] & (np.abs(history.contact.normals).max(axis=1) > 0.999)
-    size = np.linalg.norm(history.contact.traction[-1][alone], axis=1)
-    bound = coefficient * history.contact.pressure[-1][alone]
-    assert alone.any()
-    assert (size <= bound + 1e-10 * bound.max()).all()

@@ -1,7 +1,5 @@
 """Supports hold displacements exactly, in any direction, and beside contact and other supports."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 from scenes import FAMILIES, mostly_long, moved, rotation, small
@@ -119,18 +117,3 @@ def test_a_body_held_everywhere_has_no_unknowns():
     # u = t x: 1/2 a(u, u) = 1/2 t^2 (4 mu + 4 lam) on the unit square.
     lam, mu = history.moduli[:, 0]
     assert history.energy == pytest.approx(0.5 * TIMES**2 * (4 * mu + 4 * lam), rel=1e-14)
-
-
-def test_a_prescribed_motion_is_evaluated_a_few_times_per_instant():
-    """Loads, friction, obstacles and the ledger share values at one instant."""
-    asked = Counter()
-
-    def move(x, t):
-        asked[float(t)] += 1
-        return np.tile([0.03 * np.sin(6 * t), -0.02 * t], (len(x), 1))
-
-    moved = vx.PrescribedDisplacement(move, on="top")
-    scene = vx.Scene(STEEL, moved, vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom"))
-    vx.simulate(scene, small("squares", 3), np.linspace(0, 1, 6))
-    assert len(asked) == 6
-    assert max(asked.values()) <= 4

@@ -36,7 +36,7 @@ class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`, with the outward normal n; (3.6) of the paper.
 
     At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
-    degrees form a curve, along which nodes slide. At shared nodes, clamps and prescribed displacements take precedence.
+    degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
 
     Parameters
     ----------
@@ -68,9 +68,8 @@ class PrescribedSlip(Effect):
     """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
 
     The jump is the displacement of the first body relative to the second; on a boundary, of the body relative to the
-    ground. Slip is 0 at the tip of a crack. `history.reaction(on)` is the force along the fault that causes the slip,
-    and `history.force(on)` the force across the fault. TrescaFriction on the same interface acts against the slip.
-    CoulombFriction is refused there, because it needs one-sided contact.
+    ground. `history.reaction(on)` is the force along the fault that causes the slip, and `history.force(on)` the force
+    across the fault. TrescaFriction on the same interface acts against the slip; CoulombFriction is refused there.
 
     Parameters
     ----------
@@ -80,11 +79,6 @@ class PrescribedSlip(Effect):
         f(x, t) -> (m, 3); only its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
-
-    Raises
-    ------
-    SceneError
-        From `contribute` or a run: `value` has a wrong shape, is not finite, or contradicts other supports.
 
     Examples
     --------
@@ -133,17 +127,15 @@ class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the normal n of the undeformed boundary and
-    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988, chapter 2). At shared nodes, clamps and
-    prescribed displacements take precedence, and the smaller of two gaps counts.
+    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988). The smaller of two gaps counts.
 
     Parameters
     ----------
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, length; it may change in time. A negative gap is an
-        overlap (interference, press fit). The obstacle presses the body back by this length: at once if the run begins
-        with ``initial="settled"``, or gradually if the gap falls from zero.
+        Distance to the obstacle along n in the undeformed state, length. A negative gap is an overlap (press fit): use
+        ``initial="settled"``, or let the gap fall from zero.
 
     Examples
     --------
@@ -181,8 +173,7 @@ class NormalCompliance(Effect):
     """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
-    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1. At shared nodes, clamps and prescribed
-    displacements take precedence.
+    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1.
 
     Parameters
     ----------
@@ -260,9 +251,8 @@ class VelocityContact(Effect):
 SPACE_ONLY = {"in space": "friction in the plane has one direction"}
 DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# For while_closed=True, a weight w that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
-# steps without a solution: a node can close without friction and open with friction. The ramp w = min(STEEPNESS p, b),
-# which is Coulomb's law with the cap b, is continuous, so every step has a solution (Brouwer).
+# For while_closed=True, a weight that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
+# steps without a solution. The ramp w = min(STEEPNESS p, b) is continuous, so every step has a solution (Brouwer).
 STEEPNESS = 1e6
 Reader = Callable[[str, float], Floats] | None  # maps the name of a field and a time to values (m,)
 
@@ -311,12 +301,9 @@ class _Friction(Effect):
 class TrescaFriction(_Friction):
     """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
-    The bound does not depend on pressure. So friction also acts where UnilateralContact or NormalCompliance is open; a
-    warning is then issued (see `while_closed`).
-
-    Where two parts of the boundary meet at a node, each part has the bound of its own edges; bounds of overlapping
-    parts add up. If a prescribed displacement moves nodes along the obstacle, friction g acts against their slip, and
-    the support carries this friction. In a step without such a motion, friction at these nodes is taken as 0.
+    The bound does not depend on pressure. So friction also acts where one-sided contact is open; a warning is then
+    issued (see `while_closed`). Bounds of overlapping parts add up. If a prescribed displacement moves nodes along the
+    obstacle, the support carries their friction. In a step without such a motion, this friction is taken as 0.
 
     Parameters
     ----------
@@ -327,17 +314,15 @@ class TrescaFriction(_Friction):
     quadrature : {"nodes", "integral"}
         The weight of node i with the basis function phi_i: for "nodes" g(x_i) int phi_i, for "integral" int g phi_i.
     while_closed : bool, optional
-        True: the bound is g where UnilateralContact or NormalCompliance is closed, and 0 elsewhere. Friction then
-        depends on pressure, and is certified as with CoulombFriction. If a node opens with friction but closes without
-        friction, the step can be refused. False: the bound is g everywhere. None (default): as False, with the warning.
+        True: the bound is g where one-sided contact is closed, and 0 elsewhere. Friction then depends on pressure, and
+        is certified as with CoulombFriction. False: the bound is g everywhere. None (default): as False, with the
+        warning.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        The displacement of the obstacle, length, if it slides under the body (a belt, a roll, a shaking table).
-        Friction acts against the slip relative to the obstacle. Only the motion of the obstacle along the boundary
-        counts; for its motion along the normal, use a `gap` that changes in time.
+        The displacement of the obstacle, length, if it slides under the body (such as a belt). Only its part along the
+        boundary counts; for motions along the normal, use a `gap` that changes in time.
     direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` limits friction along this vector (along its part in the surface), and
-        `across` limits friction perpendicular to this vector. Friction lies in the ellipse with these two semi-axes,
-        and slip is normal to the ellipse (:mod:`vemcvx.effects.effect`).
+        Friction by direction, in space: `bound` limits friction along the part of this vector in the surface, and
+        `across` limits friction perpendicular to it. Friction lies in the ellipse with these semi-axes.
     across : number, or callable f(x, t) -> (m,), optional
         The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
@@ -456,10 +441,9 @@ class SpeedFriction(_Friction):
     """Friction whose bound depends on the speed: |friction| <= bound(|s| / k) for the slip s in a step of length k.
 
     If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
-    bounds the error. If `bound` falls, a step may have several solutions, and slip may jump. A warning then compares
-    `softening` with the stiffness of the body, and the certificate is "for the given friction". For the existence of
-    solutions, see Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002). A
-    warning is issued if friction acts where one-sided contact is open.
+    bounds the error. If `bound` falls, a step may have several solutions, and the certificate is "for the given
+    friction"; a warning then compares `softening` with the stiffness of the body. For the existence of solutions, see
+    Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002).
 
     Parameters
     ----------

@@ -87,8 +87,7 @@ class BodyForce(Effect):
     """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
     v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper. For constant f, the
-    resultant is exact. The moment is exact if the centroid of each cell is the mean of its vertices; otherwise its
-    error is O(h).
+    resultant is exact.
 
     Parameters
     ----------
@@ -96,7 +95,6 @@ class BodyForce(Effect):
         Cartesian components, force per area (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
         Names of cell data, such as names of bodies: the force acts where one of them is nonzero, by default everywhere.
-        A function f that is zero outside a region is integrated less exactly in cells that the region cuts.
 
     Examples
     --------
@@ -122,8 +120,8 @@ class BodyForce(Effect):
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
 
-    On a mesh, the force acts as if spread over about one cell. Away from the point, the solution converges. At the
-    point, displacement and energy grow without bound as cells become smaller (in the plane like log(1/h), Flamant).
+    At the point, displacement and energy grow without bound as cells become smaller (Flamant); elsewhere the solution
+    converges.
 
     Parameters
     ----------
@@ -203,9 +201,8 @@ def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
-    Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`, and a prescribed
-    displacement that contradicts Symmetry at a shared node is an error. Where a contact curve ends on a line of
-    symmetry, normals and pressures are those of the whole body.
+    Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`. Where a contact curve ends
+    on a straight line of symmetry, normals and pressures are those of the whole body.
 
     Parameters
     ----------
@@ -243,8 +240,7 @@ class PrescribedDisplacement(Effect):
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only). A vector is normalised.
-        At a corner of `on`, components along both normals (tangents) are prescribed. Sides whose normals differ by less
-        than 42.5 degrees form a curve; with "normal", all its sides move outward by the value.
+        At a corner of `on`, components along both normals (tangents) are prescribed.
 
     Examples
     --------
@@ -301,7 +297,7 @@ class Rigid(Effect):
 
     The motion is unknown, except for components that `motion` prescribes. Other supports at nodes of the part are
     refused, unless they agree with `motion`. `history.force(Rigid)` is the sum of `force` and of the force that causes
-    the prescribed motion. `history.reaction` also includes internal forces that keep the part rigid; their sum is zero.
+    the prescribed motion.
 
     Parameters
     ----------
@@ -391,14 +387,12 @@ class Pretension(Effect):
 
     The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
     of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
-    `history.force` of the cut, or of this effect, is the force that acts across the cut on the first body: its normal
-    component is the tension, its tangential component the shear.
+    `history.force` of this effect is the force across the cut on the first body: tension and shear.
 
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. All sides in `on` belong to
-        one bolt and share the force; every further bolt needs an effect of its own.
+        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`; each bolt needs its effect.
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
@@ -473,8 +467,7 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to the virtual work. Displacements are linear on edges, so
-# two Gauss points per edge are exact for affine k; the rule on faces of polyhedra is exact for affine k, too.
+# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to the virtual work, exactly for affine k.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 

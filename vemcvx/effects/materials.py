@@ -137,12 +137,9 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper, in plane strain and in space:
-# lam = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)), in plane stress 2 lam mu / (lam + 2 mu) in place of lam.
-#
-# If an eigenstrain s, equal in all directions, is blocked in the plane, it causes the stress -b s. In space and in
-# plane strain b = 3 lam + 2 mu = E / (1 - 2 nu). In plane stress b = 2 (lam + mu) = E / (1 - nu), with the reduced lam.
-# In plane strain sigma_zz = lam (e_xx + e_yy) - b s.
+# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper. Plane stress has the reduced
+# 2 lam mu / (lam + 2 mu) in place of lam. A blocked eigenstrain s, equal in all directions, causes the stress -b s with
+# b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu). In plane strain sigma_zz = lam (e_xx + e_yy) - b s.
 STABILISATIONS = ("shear", "unit")
 
 
@@ -223,13 +220,9 @@ class Elasticity(_Elastic):
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
-# where nu_ij = -e_j / e_i under tension along i. In space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Let eps be the same strain in x, y, z. Then e = R eps R^T for
-# tensors, and e = Q eps for vectors with doubled shear strains. The entry of Q for e_ab and eps_ij is
-# (2 - delta_ab) (R_ai R_bj + R_aj R_bi) / 2. So C = Q^T S^{-1} Q in x, y, z, where S includes the shear compliances.
-#
-# In a plane body, axis 3 is normal to the plane. Plane strain uses the rows xx, yy and xy of C; the row zz gives the
-# out-of-plane stress. In plane stress, S and C have no coupling to axis 3.
+# where nu_ij = -e_j / e_i under tension along i; in space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
+# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Strains eps in x, y, z (doubled shear strains) become e = Q eps.
+# So C = Q^T S^{-1} Q. In a plane body, axis 3 is normal to the plane; in plane stress, nothing is coupled to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
@@ -374,10 +367,9 @@ def _words(values: Any) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    Viscous forces are those of an elastic material with `shear` for mu, `volume` for lambda, and stabilisation "shear",
-    applied to velocities (Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002,
-    chapter 6). Results then depend on step sizes. `history.dissipated` includes the viscous loss, and forces include
-    viscous forces; energy and `stress` are elastic. The initial state may violate equilibrium, (2.1) of the paper.
+    See Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6.
+    `history.dissipated` includes the viscous loss, and forces include viscous forces; energy and `stress` are elastic.
+    The initial state may violate equilibrium, (2.1) of the paper.
 
     Parameters
     ----------
@@ -407,10 +399,9 @@ class Viscosity(Effect):
 class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is blocked.
 
-    Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960). The load
-    is the work of C alpha theta I on the mean strains of cells. `history.stress` is this sigma, `history.energy` is the
-    energy of the total strain eps, and `history.work` includes the work of this load. If theta is not zero at the first
-    instant, begin with ``initial="settled"`` or "equilibrium".
+    Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
+    `history.stress` is this sigma, `history.energy` is the energy of the total strain eps, and C alpha theta I counts
+    as a load in `history.work`. If theta is not zero at the first instant, begin with ``initial="settled"``.
 
     Parameters
     ----------

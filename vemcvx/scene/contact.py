@@ -443,17 +443,6 @@ def _pressures(
     return shares
 
 
-def describe_immovable(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
-    """Return a sentence for each friction and obstacle that has no effect because none of its nodes can move."""
-    moving = np.arange(len(terms.nodes)) < terms.acting
-    if terms.dragged is not None:
-        moving = moving | terms.dragged
-    held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
-    dim = supports.points.shape[1]
-    held += [o.subject for o in obstacles if not _normal_is_free(ContactRows.from_parts([o], dim), supports).any()]
-    return [f"{subject}: other effects hold all its nodes" for subject in held]
-
-
 def find_missing_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
     """Return a sentence for each interface on which none of `parts` joins the two bodies."""
     nodes, partners = pairs_of(parts)

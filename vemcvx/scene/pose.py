@@ -23,7 +23,7 @@ from vemcvx.linear import order_by_nested_dissection
 from vemcvx.meshes import Mesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, Motion, System
-from vemcvx.scene.contact import Obstacles, Surface, Terms, describe_immovable, pose_contact, warn_of_free_normals
+from vemcvx.scene.contact import Obstacles, Surface, Terms, pose_contact, warn_of_free_normals
 from vemcvx.scene.rigid import build_body_frame, check_balance, find_pins, floating_motions
 from vemcvx.scene.rows import straighten_normals
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
@@ -96,7 +96,7 @@ class PosedScene:
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain, one of `loads`; None if there are none
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A; None if there are none
-    inactive: tuple[str, ...]  # a sentence for each effect without influence, and UNHELD if there are pins
+    inactive: tuple[str, ...]  # a sentence for each friction whose bound is zero, and UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
@@ -194,7 +194,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         prestress=prestress,
         kernel=_find_kernel(space, supports, sp.vstack([terms.acting_rows, obstacles.rows]), springs),
         springs=springs,
-        inactive=(*inactive, *describe_immovable(terms, stops, supports), *[UNHELD] * len(pins)),
+        inactive=(*inactive, *[UNHELD] * len(pins)),
         curves=_chain(p.curves for p in parts),
         viscosity=_sum(p.viscosity for p in parts),
         laws=tuple(replace(p, stiffness=None) for p in laws),

@@ -9,7 +9,6 @@ the solution without its mean rigid motion (:mod:`vemcvx.results.results`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
@@ -40,42 +39,24 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
     return [names.pop() if len(names) == 1 else None for names in found]
 
 
-@dataclass(frozen=True)
-class ConnectedPart:
-    """A connected part of the scene: pieces that supports, hinges or springs join."""
+def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Floats, directed: bool = False) -> str:
+    """Return the motion of a connected part in words; if `directed` is True, with the sense of the motion.
 
-    which: str  #: the part in words
-    bodies: tuple[str | None, ...]  #: for each piece, the name of its body
-    hinge: str  #: a node at which pieces are joined, in words; empty if there is none
-    axes: Floats  #: (pieces, k, k) maps coefficients of orthonormal motions to coefficients along and about the axes
-
-    def motion(self, mode: Floats, directed: bool = False) -> str:
-        """Describe a motion and its body in words; if `directed` is True, with the sense of the motion."""
-        mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
-        each = mode.reshape(len(self.bodies), -1)
-        large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
-        names = [self.bodies[one] or (self.which if len(self.bodies) == 1 else None) for one in large]
-        if self.hinge:
-            return f"a motion of {self.which} about hinges, such as {self.hinge}"
-        if None in names or len(set(names)) < len(names):
-            return f"a motion of several connected pieces of {self.which}"
-        own = zip(large, names, strict=True)
-        return " with ".join(f"{_describe_rigid(self.axes[one] @ each[one], directed)} of {name}" for one, name in own)
-
-
-def describe_combination(motions: Sequence[tuple[ConnectedPart, Floats]], c: Floats) -> str:
-    """Describe the combination of motions with coefficients `c`, part by part, with the sense of each motion."""
-    parts: dict[str, tuple[ConnectedPart, Floats]] = {}
-    for share, (part, motion) in zip(c, motions, strict=True):
-        before = parts[part.which][1] if part.which in parts else 0.0
-        parts[part.which] = part, before + share * motion
-    largest = max(np.abs(motion).max() for _, motion in parts.values())
-    large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > DIRECTION_TOLERANCE * largest]
-    return " and ".join(part.motion(motion, directed=True) for part, motion in large)
+    `bodies` has the name of each piece's body. `axes` (pieces, k, k) maps coefficients of orthonormal motions of pieces
+    to coefficients along and about the axes.
+    """
+    mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
+    each = mode.reshape(len(bodies), -1)
+    large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
+    names = [bodies[one] or (which if len(bodies) == 1 else None) for one in large]
+    if None in names or len(set(names)) < len(names):
+        return f"a motion of several connected pieces of {which}"
+    own = zip(large, names, strict=True)
+    return " with ".join(f"{_describe_rigid(axes[one] @ each[one], directed)} of {name}" for one, name in own)
 
 
 def _describe_rigid(mode: Floats, directed: bool) -> str:
-    """Describe a rigid motion: a translation, a rotation, or both."""
+    """Return a rigid motion in words: a translation, a rotation, or both."""
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > DIRECTION_TOLERANCE and len(turn) > 1:
@@ -118,7 +99,8 @@ def floating_motions(
     bodies = body_names(space.mesh, piece, node)
     # The direction of a side of length h at the distance D from the origin has a rounding error of EPS D / h.
     rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
-    modes, motions = list[Floats](), list[tuple[ConnectedPart, Floats]]()
+    modes, names, named = list[Floats](), list[str](), True
+    described = list[tuple[Callable[..., str], Floats]]()
     for number in range(parts):
         own = np.flatnonzero(label == number)
         columns = (own[:, None] * k + np.arange(k)).ravel()
@@ -134,22 +116,30 @@ def floating_motions(
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
-        hinges = (i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number)
-        hinge = next((f"node {i} at {points[i]}" for i in hinges), "")
-        part = ConnectedPart(which, tuple(bodies[one] for one in own), hinge, axes[own])
-        _refuse_floating(part, loose, felt @ field, rounding * np.abs(felt.data).max(initial=0.0))
+        of_pieces = [bodies[one] for one in own]
+        describe = partial(describe_motion, which=which, bodies=of_pieces, axes=axes[own])
+        _refuse_floating(which, describe, loose, felt @ field, rounding * np.abs(felt.data).max(initial=0.0))
         size = np.abs(field).max(axis=0)
         modes.append(field / size)
-        motions += [(part, column) for column in (loose / size).T]
-    if not motions:
+        names += map(describe, loose.T)
+        described.append((describe, loose / size))
+        named = named and None not in of_pieces
+    if not modes:
         return None, False
-    names = tuple(part.motion(mode) for part, mode in motions)
-    named = all(None not in part.bodies for part, _ in motions)
+
+    def in_words(c: Floats) -> str:
+        of_parts = np.split(c, np.cumsum([motions.shape[1] for _, motions in described])[:-1])
+        moves = [(describe, motions @ own) for (describe, motions), own in zip(described, of_parts, strict=True)]
+        least = DIRECTION_TOLERANCE * max(np.abs(move).max() for _, move in moves)
+        return " and ".join(describe(move, directed=True) for describe, move in moves if np.abs(move).max() > least)
+
     moved = (supports.P @ np.hstack(modes)).reshape(len(count), dim, -1)
-    return Kernel(np.hstack(modes), names, partial(describe_combination, motions), moved), named
+    return Kernel(np.hstack(modes), tuple(names), in_words, moved), named
 
 
-def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding: float) -> None:
+def _refuse_floating(
+    which: str, describe: Callable[[Floats], str], loose: Floats, felt: Floats, rounding: float
+) -> None:
     """Raise SceneError if `felt` (rows, j), the components of the motions `loose` (., j) at contact, has a kernel."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
     # If contact resists no motion, `size` is rounding.
@@ -160,8 +150,8 @@ def _refuse_floating(part: ConnectedPart, loose: Floats, felt: Floats, rounding:
         return
     meet, first = ("1 rigid motion meets", ":") if count == 1 else (f"{count} rigid motions meet", "; the first is")
     raise SceneError(
-        f"supports: {part.which} floats: {meet} neither a support nor friction{first} "
-        f"{part.motion(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
+        f"supports: {which} floats: {meet} neither a support nor friction{first} "
+        f"{describe(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
         "where they prevent it; friction resists only sliding along its boundary, and loads hold nothing."
     )
 

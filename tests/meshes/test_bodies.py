@@ -10,10 +10,8 @@ from dataclasses import replace
 import meshio
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from same_mesh import assert_matched, assert_same, measure_part
-from scenes import mostly_long, rotation
+from scenes import mostly_long
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, PolygonMesh, bodies, ring, squares
@@ -42,28 +40,6 @@ def test_blocks_of_two_families_match(below, above):
         *(f"upper.{name}" for name in ("left", "right", "top")),
         *("lower|upper", "boundary"),
     }
-
-
-@pytest.mark.long
-@given(
-    shift=st.floats(-0.9, 0.9),
-    angle=st.floats(0.0, 6.3),
-    scale=st.sampled_from([1e-6, 1.0, 1e6]),
-    families=st.tuples(st.sampled_from(sorted(FAMILIES)), st.sampled_from(sorted(FAMILIES))),
-)
-@settings(max_examples=10, deadline=None)
-def test_blocks_match_after_any_shift_and_rotation(shift, angle, scale, families):
-    """Shift two blocks of length 1 along each other: their interface has the length 1 - |shift|."""
-    boxes = ((0, 1), (0, 1)), ((shift, shift + 1), (1, 1.5))
-    flat = [FAMILIES[family](n, box, seed=1) for family, n, box in zip(families, (4, 3), boxes, strict=True)]
-    lower, upper = (PolygonMesh(scale * part.points @ rotation(angle).T, part.cells) for part in flat)
-    top, bottom = flat[0].points[flat[0].boundaries["top"], 0], flat[1].points[flat[1].boundaries["bottom"], 0]
-    gaps = np.diff(np.unique(np.concatenate([top.ravel(), bottom.ravel()])))
-    assume(gaps[gaps > 1e-15].min() > 1e-8)  # `bodies` merges nodes that are closer than its tolerance
-    mesh = bodies({"lower": lower, "upper": upper})
-    assert_matched(mesh)
-    rounding = scale * len(mesh.interfaces["lower|upper"].edges) * 8 * EPS
-    assert measure_part(mesh, "lower|upper") == pytest.approx(scale * (1.0 - abs(shift)), abs=rounding)
 
 
 def test_refinement_keeps_interfaces_matched():

@@ -57,17 +57,6 @@ def test_groups_become_bodies(tmp_path):
     assert history.contact.pressure[-1] @ weights == pytest.approx(0.1, rel=1e-12)
 
 
-def test_groups_of_cells_of_second_order_become_bodies(tmp_path):
-    points = [(x, y, 0) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0, 1.5, 2.0)]
-    cells = [[0, 2, 12, 10, 1, 7, 11, 5], [2, 4, 14, 12, 3, 9, 13, 7]]
-    tags, groups = [np.array([3]), np.array([11, 12])], {**BOTH, "joint": [3, 1]}
-    write(tmp_path / "two.msh", points, [("line3", [[2, 12, 7]]), ("quad8", cells)], tags, groups)
-    with pytest.warns(vx.MeshWarning, match="cells of higher order .line3, quad8. are read as their corners") as caught:
-        found = vx.meshes.read(tmp_path / "two.msh", bodies="physical")
-    assert len(caught) == 1
-    assert (found.n_cells, found.n_nodes, list(found.interfaces)) == (2, 8, ["joint"])
-
-
 def test_an_arc_named_on_one_body_names_the_interface(tmp_path):
     """Read a disc in a hole with different edges: tolerance= must exceed the distance between the two polygons."""
     hole, disc = vx.meshes.ring((1.0, 2.0), 12), vx.meshes.ring((0.3, 1.0), 16)

@@ -80,28 +80,6 @@ def test_cells_fill_the_box_up_to_its_named_sides(family, case):
     assert set(itertools.product(*box.tolist())) <= set(map(tuple, mesh.points.tolist()))
 
 
-@mostly_long("case", ["box", "far"], "far")
-@mostly_long("family", SPACE_FAMILIES, "voronoi3", "tetrahedra")
-def test_cells_in_space_are_convex(family, case):
-    n, box = CASES[case]
-    mesh = make(family, n, box)
-    owner = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.cell_offsets))
-    # Rounding of the coordinates tilts the plane of a small face.
-    longest = np.diff(box).max()
-    rounding = 20.0 * (1e-15 * longest + 2.0**-52 * np.abs(box).max())
-    slack = rounding * np.maximum(1.0, longest / np.sqrt(mesh.face_areas))
-    offsets, nodes = mesh.cell_nodes
-    for cell in range(mesh.n_cells):
-        corners, faces = mesh.points[nodes[offsets[cell] : offsets[cell + 1]]], mesh.cell_faces[owner == cell]
-        assert mesh.diameters[cell] == pytest.approx(
-            np.linalg.norm(corners[:, None] - corners, axis=2).max(), rel=1e-14
-        )
-        outward = mesh.face_signs[owner == cell, None] * mesh.face_normals[faces]
-        heights = np.einsum("fd,fnd->fn", outward, corners - mesh.face_centroids[faces, None])
-        assert (heights <= slack[faces, None]).all()
-        assert (np.count_nonzero(heights >= -slack[faces, None], axis=1) >= np.diff(mesh.face_offsets)[faces]).all()
-
-
 @mostly_long("family", EVERY, "voronoi", "hanging", "hexagons", "tetrahedra", "prisms")
 def test_the_same_seed_gives_the_same_mesh(family):
     one, same, other = (make(family, 3, UNIT, seed) for seed in (5, 5, 6))

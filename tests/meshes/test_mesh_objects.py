@@ -42,25 +42,6 @@ def test_conversion_to_meshio_and_pyvista_and_back_restores_polygons(family):
     assert_same(mesh, convert(grid))
 
 
-def test_conversion_of_meshio_and_back_restores_blocks_and_data_and_marked_lines():
-    points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], dtype=float)
-    blocks = [("triangle", [[1, 4, 5], [1, 5, 2]]), ("quad", [[0, 1, 2, 3]]), ("line", [[1, 4], [0, 1]])]
-    mark = [np.zeros(2, np.uint8), np.zeros(1, np.uint8), np.ones(2, np.uint8)]
-    young = [np.array([1.0, 2.0]), np.array([3.0]), np.array([1.0, 3.0])]
-    given = meshio.Mesh(points, blocks, cell_data={"young": young, "boundary:floor": mark})
-    mesh = convert(given)
-    assert mesh.boundaries["floor"].tolist() == [[1, 4], [0, 1]]
-    back = mesh.to("meshio")
-    np.testing.assert_array_equal(back.points, given.points)
-    for one, other in zip(back.cells, given.cells, strict=True):
-        assert one.type == other.type
-        np.testing.assert_array_equal(one.data, other.data)
-    assert set(back.cell_data) == set(given.cell_data)
-    for name, parts in given.cell_data.items():
-        np.testing.assert_array_equal(np.concatenate(back.cell_data[name]), np.concatenate(parts))
-    assert_same(mesh, convert(back))
-
-
 def test_sets_of_meshio_become_boundaries_and_cell_data():
     cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1], [1, 2]])]
     sets = {"floor": [np.array([], int), np.array([0])], "steel": [np.array([0]), np.array([], int)]}

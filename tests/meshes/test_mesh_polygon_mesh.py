@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import sys
 
 import numpy as np
 import pytest
-from same_mesh import assert_same
 from scenes import small
 
 import vemcvx as vx
@@ -43,15 +41,6 @@ def test_arrays_are_read_only_copies_of_the_given_arrays(mesh):
     assert mesh.boundaries["base"].tolist() == [[0, 1]]
 
 
-def test_copies_are_equal_and_read_only(mesh):
-    mesh = mesh.with_boundary("part", lambda x: x[:, 0] < 0.5).with_cell_data("young", mesh.areas)
-    again = copy.deepcopy(mesh)
-    assert_same(again, mesh)
-    assert not any(a.flags.writeable for a in (again.points, again.boundaries["part"], again.cell_data["young"]))
-    assert repr(again).startswith(f"PolygonMesh(16 cells, {mesh.n_nodes} nodes, h = 0.")
-    assert repr(again).endswith("boundaries: left, right, bottom, top, part, boundary)")
-
-
 def test_sides_of_a_box_are_named_by_position_unless_boundaries_are_given():
     mesh = PolygonMesh(SQUARE, HALVES)
     sides = {"left": [[3, 0]], "right": [[1, 2]], "bottom": [[0, 1]], "top": [[2, 3]]}
@@ -78,7 +67,7 @@ def test_given_boundaries_may_have_any_order_and_direction():
     assert set(second.boundaries) == set(first.boundaries)
     assert all(np.array_equal(second.boundaries[name], first.boundaries[name]) for name in names)
     names["boundary"] = names["boundary"][2:-1]
-    with pytest.raises(vx.MeshError, match="here it is given to 6 of its 8 parts"):
+    with pytest.raises(vx.MeshError, match="the name 'boundary' is taken"):
         PolygonMesh(first.points, first.cells, boundaries=names)
 
 

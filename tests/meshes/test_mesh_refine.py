@@ -7,7 +7,6 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from counted import calls
 from same_mesh import measure_part
 from scenes import mostly_long, small
 
@@ -171,18 +170,3 @@ def test_refinement_ends_where_rounding_begins(make):
     if make is vx.meshes.squares:
         PolygonMesh(mesh.points, mesh.cells)
         assert count_hanging_nodes(mesh) == 1
-
-
-MORE = [("squares", (10, 40), 0.3), ("voronoi", (10, 40), 1.0), ("tetrahedra", (3, 9), 1.0), ("cubes", (3, 9), 1.0)]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "sizes", "fraction"), MORE)
-def test_many_more_cells_take_hardly_more_calls(name, sizes, fraction):
-    """Refine meshes with 16 to 27 times the cells."""
-    count = []
-    for n in sizes:
-        mesh = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name](n)
-        marked = None if fraction == 1.0 else np.random.default_rng(0).random(mesh.n_cells) < fraction
-        count.append(calls(lambda mesh=mesh, marked=marked: mesh.refine(marked)))
-    assert count[1] < 1.2 * count[0]

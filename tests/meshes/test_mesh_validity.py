@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from counted import calls
 
 import vemcvx as vx
 from vemcvx.meshes import PolygonMesh
@@ -119,21 +118,3 @@ def test_unusual_meshes_are_valid():
     x, y = np.meshgrid(line, line)
     first = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
     assert_valid(np.column_stack([x.ravel(), y.ravel()]), first[:, None] + [0, 1, count + 1, count], 1.0)
-
-
-def test_cells_may_be_lists_tuples_or_arrays():
-    triangles = [[0, 1, 2], [0, 2, 3]]
-    for cells in (*([kind(cell) for cell in triangles] for kind in (list, tuple, np.array)),
-                  *(np.array(triangles, dtype=kind) for kind in (np.int32, np.uint8, np.int64))):  # fmt: skip
-        assert [cell.tolist() for cell in PolygonMesh(SQUARE, cells).cells] == triangles
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["voronoi", "hanging", "cubes", "voronoi3"])
-def test_many_more_cells_take_few_more_calls(name):
-    """Cells given as lists are read one by one; all checks are vectorised."""
-    make = (vx.meshes.FAMILIES | vx.meshes.SPACE_FAMILIES)[name]
-    meshes = [make(n) for n in ((10, 40) if name in vx.meshes.FAMILIES else (2, 6))]
-    count = [calls(lambda mesh=mesh: type(mesh)(mesh.points, mesh.cells)) for mesh in meshes]
-    assert meshes[1].n_cells >= 15 * meshes[0].n_cells
-    assert count[1] < 5 * count[0]

@@ -98,13 +98,6 @@ def test_cells_whose_parts_would_have_curved_faces_are_refused(make):
         SPACE_FAMILIES[make](2).refine()
 
 
-def test_cells_not_star_shaped_about_their_centroids_are_refused():
-    outline = [[0, 0], [4, 0], [4, 4], [3, 4], [3, 1], [1, 1], [1, 4], [0, 4]]
-    mesh = vx.PolygonMesh(outline, [range(8)]).extruded([0.0, 1.0])
-    with pytest.raises(vx.MeshError, match="Make a new mesh"):
-        mesh.refine()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("axes", [3, 2, 1], ids=["point", "edge", "face"])
 def test_thirty_six_bisections_keep_the_shapes_of_the_first_three(axes):

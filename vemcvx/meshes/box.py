@@ -163,17 +163,14 @@ def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
     name = check_name(name)
     m, dimension = places.shape
     middles = {"edges": "midpoints", "faces": "centroids"}[parts]
-    if not callable(predicate):
-        raise MeshError(
-            f"boundary {name!r}: predicate must be a function of the {middles} (m, {dimension}); got {predicate!r}."
-        )
+    wanted = (
+        f"take all {middles} ({m}, {dimension}) at once and return a boolean for each, as lambda x: x[:, 0] < 0.5 does"
+    )
     failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
-    wanted = f"take all {middles} at once and return a boolean for each, as lambda x: x[:, 0] < 0.5 does"
     chosen = _array(call_function(predicate, (places,), failed, wanted))
     if chosen.shape != (m,) or chosen.dtype != bool:
         raise MeshError(
-            f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}). It must {wanted}; it "
-            f"returned {chosen.dtype} of shape {chosen.shape}."
+            f"boundary {name!r}: the predicate must {wanted}; it returned {chosen.dtype} of shape {chosen.shape}."
         )
     if not chosen.any():
         low, high = places.min(axis=0), places.max(axis=0)

@@ -1,8 +1,4 @@
-"""Cutting a mesh in two along a line, in space along a plane.
-
-In the plane, each cell that the line crosses becomes two polygons. Where the line crosses an edge, there is a new node,
-which both cells at the edge share. To avoid slivers, inner nodes near the line first move onto it.
-"""
+"""Cutting a mesh in two along a line, in space along a plane."""
 
 from __future__ import annotations
 
@@ -27,8 +23,8 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     """Return two meshes: the parts of a mesh behind and ahead of a line (in space: of a plane).
 
     :func:`vemcvx.meshes.bodies` joins both parts again; the cut becomes an interface, for example for `Pretension`.
-    Both parts keep cell data and names of boundaries; edges or faces along the cut have no name. In the plane, cells
-    that the line crosses are split. Inner nodes nearer to the line than a tenth of their shortest edge move onto it.
+    Both parts keep cell data and names of boundaries. In the plane, cells that the line crosses are split. Inner nodes
+    nearer to the line than a tenth of their shortest edge move onto it.
 
     Parameters
     ----------

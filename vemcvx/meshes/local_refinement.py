@@ -2,8 +2,7 @@
 
 The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. The midpoints of a
 triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
-cut across. A cell that is not star-shaped is refused. Virtual elements treat hanging nodes like any vertex, so hanging
-nodes stay. Further cells are split until unsplit cells get at most one hanging node per straight part of their outline.
+cut across. Further cells are split until unsplit cells get at most one hanging node per straight part of their outline.
 
 A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. (If
 an angle of 175 degrees counted as a corner, one part would have this angle in every refinement.) If a cell has fewer
@@ -19,9 +18,10 @@ Consecutive short sides count as one side, or as several sides if their total le
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from vemcvx.base.arrays import SINGLE_EPS, Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
@@ -37,12 +37,12 @@ from vemcvx.meshes.polygons import (
     next_vertex,
     offsets_of,
     previous_corner,
+    right_of,
     rotation,
     rounding,
     rows_in_order,
     sort_edges,
 )
-from vemcvx.meshes.quality import largest_balls, walls_of
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
@@ -177,7 +177,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
     four sides, not convex     (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells         the centroid
     other cells                the centroid if it is at least .1 diameters inside the lines of all sides; otherwise
-                               the centre of the largest ball about which the cell is star-shaped (:mod:`.quality`)
+                               the centre of the largest ball about which the cell is star-shaped
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
@@ -186,12 +186,16 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
     four_long = splitting.all_long & (splitting.sides == 4)
     quads = np.flatnonzero((counts == 4) & (four_long | ~splitting.convex))
     centres[quads] = _middles_of_quads(mesh.points[mesh.vertices[bends[offsets[quads, None] + np.arange(4)]]])
-    walls = walls_of(mesh)
-    inside = np.minimum.reduceat(walls.away, mesh.offsets[:-1])
+    outward = right_of(mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - mesh.points[mesh.vertices])
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    owner = cell_of_corner(mesh.offsets)
+    arms = mesh.points[mesh.vertices] - mesh.centroids[owner]
+    away = np.einsum("ki,ki->k", outward, arms) / mesh.diameters[owner]
+    inside = np.minimum.reduceat(away, mesh.offsets[:-1])
     others = np.flatnonzero(marked & ~splitting.convex & (counts != 4) & (inside < 0.1))
     if len(others):
         rows, sides = rows_in_order(mesh.offsets, np.arange(len(mesh.vertices)), others)
-        shift, clear = largest_balls(rows, walls.normals[sides], walls.away[sides])
+        shift, clear = largest_balls(rows, outward[sides], away[sides])
         if clear.min() <= SINGLE_EPS:
             k = others[np.argmin(clear)]
             raise MeshError(
@@ -200,6 +204,23 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
             )
         centres[others] += shift * mesh.diameters[others, None]
     return centres
+
+
+def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
+    """Return the centre (c, 2) and radius (c,) of the largest ball about which each cell is star-shaped.
+
+    A cell is star-shaped about points on the inner side of all its edges. So the radius is the largest r for which some
+    centre x obeys n . x + r <= away for all edges with the outward normals n. It is negative if there is no such point.
+    """
+    from scipy.optimize import linprog
+
+    count = len(offsets) - 1
+    rows = np.column_stack([normals, np.ones(len(normals))])
+    columns = cell_of_corner(offsets)[:, None] * 3 + np.arange(3)
+    matrix: Any = csr_array((rows.ravel(), columns.ravel(), 3 * np.arange(len(rows) + 1)), shape=(len(rows), 3 * count))
+    solved: Any = linprog(np.tile([0.0, 0.0, -1.0], count), A_ub=matrix, b_ub=away, bounds=(None, None))
+    found = solved.x.reshape(-1, 3)
+    return found[:, :2], found[:, 2]
 
 
 def _middles_of_quads(x: Floats) -> Floats:

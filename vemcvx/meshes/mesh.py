@@ -1,11 +1,8 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-A mesh is a cell complex. Cells have sides (edges in the plane, faces in space), and sides have vertices. A side belongs
-to two cells, or to one cell if the side is on the boundary. In the plane, cells are simple polygons, listed
-counter-clockwise. In space, cells are polyhedra with plane faces. Neighbouring cells share whole sides. A cell may have
-angles of 180 degrees (at hanging nodes) and several coplanar faces, and need not be convex.
-
-Modules that refine, cut and write meshes import this module, so methods of `Mesh` import them when called.
+Cells have sides (edges in the plane, faces in space). A side belongs to two cells, or to one cell if the side is on the
+boundary. Neighbouring cells share whole sides: a cell may have angles of 180 degrees (at hanging nodes) and several
+coplanar faces. Modules that refine, cut and write meshes import this module, so methods import them when called.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,9 +34,6 @@ from vemcvx.meshes.box import (
 )
 from vemcvx.meshes.checks.plane import CheckedMesh, lay_flat, list_of
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
-
-if TYPE_CHECKING:
-    from vemcvx.meshes.quality import Quality
 
 
 class Sides(NamedTuple):
@@ -240,7 +234,6 @@ class Mesh(ABC):
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
-            name = name if name == WHOLE else check_name(name)
             parts, called = self._parts(name, given, number)
             strange = np.flatnonzero(parts < 0)
             if len(strange):
@@ -250,13 +243,8 @@ class Mesh(ABC):
                     "exactly one cell."
                 )
             chosen = np.unique(parts)
-            if name != WHOLE:
-                named[name] = read_only(self._boundary[chosen])
-            elif len(chosen) < len(self._boundary):
-                raise MeshError(
-                    f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
-                    f"{len(chosen)} of its {len(self._boundary)} parts. Choose another name, or leave it out."
-                )
+            if name != WHOLE or len(chosen) < len(self._boundary):
+                named[check_name(name)] = read_only(self._boundary[chosen])
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
@@ -363,18 +351,6 @@ class Mesh(ABC):
         from vemcvx.meshes.cracks import open_crack
 
         return open_crack(self, name, sides)
-
-    def quality(self) -> Quality:
-        """Measure the shapes of the cells (Assumption 3.3): see :mod:`vemcvx.meshes.quality`.
-
-        Warns
-        -----
-        MeshWarning
-            Stretched or dented cells, or in the plane very short edges, make the constants of the method grow.
-        """
-        from vemcvx.meshes.quality import measure_quality
-
-        return measure_quality(self)
 
     def write(self: Any, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data to a .vtu file, from which `read` restores them exactly.

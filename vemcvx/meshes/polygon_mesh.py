@@ -152,9 +152,9 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer, in the order of this mesh, with the data of the polygons. The faces above a
-            boundary or interface have its name, except that "bottom" becomes "front" and "top" becomes "back": in space
-            "bottom" and "top" are the lowest and highest polygons.
+            Nodes and cells layer by layer, with the data of the polygons. The faces above a boundary or interface have
+            its name, but "bottom" becomes "front" and "top" becomes "back": in space "bottom" and "top" are the lowest
+            and highest polygons.
 
         Raises
         ------

@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Cells are polyhedra with plane faces. Neighbouring cells share whole faces: a large cell has four coplanar faces
-    where it meets four small cells. Neither cells nor faces need be convex. All arrays are read-only. Nodes and cells
-    keep the given order; faces are numbered as they first appear.
+    Neighbouring cells share whole faces: a large cell has four coplanar faces where it meets four small cells. Neither
+    cells nor faces need be convex. Nodes and cells keep the given order; faces are numbered as they first appear.
 
     Parameters
     ----------

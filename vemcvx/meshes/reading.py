@@ -23,17 +23,14 @@ from vemcvx.meshes.several_bodies import join
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra. Their faces must be
-    plane: split each warped face into two triangles, the same in both cells. Of cells of higher order (triangle6,
-    tetra10 ...) only the corners are read; edges become straight.
+    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra, with plane faces. Of
+    cells of higher order only the corners are read. Nodes and cells keep their order, and cell data are kept. The page
+    "Meshes" of the documentation says what is read from each format.
 
-    Named boundaries come from the file: names written by a mesh's `write`, physical groups of lines (in space:
-    surfaces) of Gmsh, node sets and surfaces of Abaqus, or properties of Nastran. Cell data are kept. A physical group
-    or element set becomes a cell datum: 1 in the group, 0 outside. A group without a name is named by its number. Nodes
-    and cells keep their order. A constant third coordinate of a plane mesh is dropped.
-
-    If the file names no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of
-    the sides of a box ("left", "right" ...), and a `MeshWarning` lists the names.
+    Physical groups of lines (in space: surfaces) of Gmsh, node sets and surfaces of Abaqus, and properties of Nastran
+    become named boundaries. A group or set of cells becomes a cell datum: 1 in the group, 0 outside. If the file names
+    no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of the sides of a box
+    ("left", "right" ...), and a `MeshWarning` lists the names.
 
     Parameters
     ----------
@@ -41,9 +38,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells
-        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set). A
-        boundary "rim" of "plate" is called "plate.rim". An interface is called "plate|pin", or by its name in the file
-        if exactly one name stands for the whole interface. Any other name whose edges or faces all lie on interfaces
+        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set). An
+        interface takes the name that the file gives to it, if there is exactly one. A name of a part of an interface
         becomes a named boundary.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
@@ -62,8 +58,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Warns
     -----
     MeshWarning
-        Cells were reversed; sides were named; parts of the file were not read; or something was dropped: unused nodes,
-        nodes other than the corners of cells, or named lines or faces inside the mesh.
+        Cells were reversed, sides were named, or something in the file was dropped or not read.
 
     Examples
     --------
@@ -109,7 +104,7 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
 
-    Order, names and data are kept; without names, sides get default names; the mesh is checked: see :func:`read`.
+    Order, names and data are kept; sides without names get names as in :func:`read`.
 
     Parameters
     ----------

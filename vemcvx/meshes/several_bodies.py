@@ -56,9 +56,8 @@ def bodies(
     """Join the meshes of several bodies into one, with an interface wherever boundaries of two bodies coincide.
 
     Along an interface, the cells of each body get hanging vertices at the nodes of the other body; coinciding nodes
-    stay separate. In space, the faces along an interface are the intersections of the faces of both bodies; along
-    curved surfaces both bodies must have the same nodes. Bodies need not touch, but must not overlap or leave a very
-    narrow gap.
+    stay separate. In space, the faces along an interface are the intersections of the faces of both bodies. Bodies need
+    not touch.
 
     Parameters
     ----------
@@ -69,9 +68,9 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
-        the plane, nodes of the later body move to the nearest points of the earlier body. Two polygons with edges of
-        length h, inscribed in one circle of radius R, are up to h^2 / (8 R) apart. In space, nodes of two bodies at
-        most four times the tolerance apart move to one place.
+        the plane, nodes of the later body move to the earlier body. Polygons with edges of length h, inscribed in one
+        circle of radius R, are up to h^2 / (8 R) apart. In space, nodes at most four times the tolerance apart move to
+        one place.
 
     Returns
     -------
@@ -84,9 +83,9 @@ def bodies(
     Raises
     ------
     MeshError
-        Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap that is wider than the
-        tolerance but less than 1e-3 of the smallest height of a cell; curved surfaces in space have different nodes;
-        `interfaces` names two bodies that have no interface; the tolerance is too large; or names clash.
+        Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap of less than 1e-3 of the
+        smallest height of a cell; curved surfaces in space have different nodes; `interfaces` names two bodies that
+        have no interface; the tolerance is too large; or names clash.
 
     Examples
     --------
@@ -246,8 +245,6 @@ def _check_names(
                 f"bodies: interface {name!r} must be between two of the bodies {', '.join(map(repr, known))}; got "
                 f"{brief(pair)}."
             )
-        if frozenset(given) in named:
-            raise MeshError(f"bodies: the interface of {given[0]!r} and {given[1]!r} is named twice; name it once.")
         named[frozenset(given)] = name, given
     return named
 

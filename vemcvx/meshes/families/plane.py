@@ -51,8 +51,8 @@ def squares(
     Raises
     ------
     MeshError
-        n or size is not positive, or both or neither are given; box is not a rectangle; seed is not a whole number, in
-        a family that uses seeds; or there would be too many cells.
+        n or size is not positive, or both or neither are given; box is not a rectangle; seed is not a whole number; or
+        there would be too many cells.
 
     Examples
     --------

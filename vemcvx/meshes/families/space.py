@@ -37,8 +37,8 @@ def cubes(
     Raises
     ------
     MeshError
-        n or size is not positive, or both or neither are given; box is not a box; seed is not a whole number, in a
-        family that uses seeds; or there would be too many cells.
+        n or size is not positive, or both or neither are given; box is not a box; seed is not a whole number; or there
+        would be too many cells.
 
     Examples
     --------

@@ -24,7 +24,6 @@ from vemcvx.effects import (
     Eigenstrain,
     Friction,
     InitialStress,
-    Material,
     MaterialLaw,
     Prestress,
     ThermalStrain,
@@ -140,8 +139,7 @@ class EffectSample:
 
     def contribution(self, effect: Effect, which: int = 0) -> Any:
         """Return, as plain data, what an effect contributes to a new space on a mesh."""
-        space = Space(self.mesh(which))
-        return content(effect.contribute(space), dim=space.dim)
+        return content(effect.contribute(Space(self.mesh(which))))
 
 
 @cache
@@ -152,35 +150,26 @@ def mesh(family: str = "squares", n: int = 3) -> Mesh:
     return made.with_cell_data("west", west).with_cell_data("east", ~west)
 
 
-def content(thing: Any, rows: int = 1, dim: int = 2) -> Any:
+def content(thing: Any, rows: int = 1) -> Any:
     """Return a contribution as comparable plain data, with some values of each function in place of the function."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
-        values = {name: content(getattr(thing, name), rows, dim) for name in names}
+        values = {name: content(getattr(thing, name), rows) for name in names}
         value = getattr(thing, "vector", getattr(thing, "value", None))
         at_times = tuple(content(value(t)) for t in TIMES) if callable(value) else None
-        return values | {"at times": at_times, "at places": _at_places(thing, dim)}
+        return values | {"at times": at_times}
     if isinstance(thing, (sp.csr_matrix, sp.csr_array)):
         return content((thing.shape, thing.indptr, thing.indices, thing.data))
     if isinstance(thing, np.ndarray):
         return thing.shape, thing.dtype.str, thing.tobytes()
     if isinstance(thing, tuple):
-        return tuple(content(part, rows, dim) for part in thing)
+        return tuple(content(part, rows) for part in thing)
     if callable(thing):
         # Functions of friction also take forces and slips, arrays of the length `rows`.
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
         return tuple(content(thing(t, *more)) for t in TIMES)
     return thing
-
-
-def _at_places(thing: Any, dim: int) -> Any:
-    """Return the values of a material, eigenstrain or stress at points of the first cell."""
-    if not isinstance(thing, (Material, Eigenstrain, InitialStress)) or thing.at is None:
-        return None
-    x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, dim)), np.zeros(5, dtype=np.int64)
-    more = ((),) if isinstance(thing, Material) else tuple((t,) for t in TIMES)
-    return tuple(content(thing.at(x, cells, *t)) for t in more)
 
 
 def nameless(thing: Any) -> Any:

@@ -86,12 +86,6 @@ def test_the_options_set_and_mesh_and_store_and_no_condense_reach_the_run(tmp_pa
 
 
 @pytest.mark.long
-def test_solvers_are_chosen_by_name():
-    printed = run("--solver", "SCS", "--accuracy", "1e-3")
-    assert "solver      ThroughCvxpy(solver='SCS', accuracy=0.001" in printed
-
-
-@pytest.mark.long
 def test_a_mesh_file_replaces_a_family(tmp_path):
     path = tmp_path / "part.vtu"
     vx.meshes.voronoi(3).write(path)
@@ -143,16 +137,6 @@ def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
     refused = invoke("run", write_problem(tmp_path, text), "--n", 2)
     assert refused.exit_code == 2, refused.output
     assert says in refused.output
-
-
-def test_a_missing_problem_file_is_refused(tmp_path):
-    for name, says in (
-        ("x/feng_han_huang.py", "The package has this problem: run feng_han_huang."),
-        (write_problem(tmp_path, "{}", "scene.json"), "scene.json: a problem file is a Python file"),
-    ):
-        refused = invoke("show", name)
-        assert refused.exit_code == 2
-        assert says in output_of(refused)
 
 
 @pytest.mark.long

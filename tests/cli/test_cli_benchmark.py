@@ -26,7 +26,6 @@ from vemcvx.cli.collection.benchmark import (
     measure,
     outcome_at,
     profile,
-    remaining_work,
     score_table,
     seconds_to,
     select_common,
@@ -86,24 +85,6 @@ def test_outcomes_are_distinguished_and_counted():
     }
     assert found["sure"] == [".4000", ".4000", "-"]
     assert found["picky"] == [".1000", ".3000", "-"]
-
-
-def test_only_trials_without_a_stored_result_remain():
-    def work(*ladder, sha256="d", limit=1.0):
-        return [(Trial("a", sha256, limit), ladder)]
-
-    new = work(1e-2, 1e-4, 1e-6)
-    exact, late = [make_trial(1e-2, 0.1, 1e-11)], [make_trial(1e-2, outcome=LATE)]
-    for stored, asked, left in (
-        ([], new, new),
-        ([make_trial(1e-2, 0.1, 1e-3)], new, work(1e-4, 1e-6)),
-        (exact, new, []),
-        (late, work(1e-2, 1e-4, limit=10.0), []),
-        (late, work(1e-2, 1e-4, limit=20.0), work(1e-2, 1e-4, limit=20.0)),
-        ([make_trial(None, outcome=REFUSED)], new, []),
-        (exact, work(1e-2, sha256="other"), work(1e-2, sha256="other")),
-    ):
-        assert list(remaining_work(stored, asked)) == left
 
 
 @pytest.fixture(scope="module")

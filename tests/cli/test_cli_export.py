@@ -30,13 +30,3 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
     whole = vx.read_program(tmp_path / "feng_han_huang_7.mps")
     assert len(whole.g) > len(program.g)
     assert np.array_equal(whole.w, program.w)
-
-
-@pytest.mark.long
-def test_foreign_files_are_not_overwritten(tmp_path):
-    mine = tmp_path / "feng_han_huang_1.json"
-    mine.write_text("mine")
-    done = invoke("export", PROBLEM, "--steps", "1", "--n", 2, "--of", 2, "--out", tmp_path)
-    assert done.exit_code == 2
-    assert "so it is not touched" in done.output
-    assert mine.read_text() == "mine"

@@ -39,23 +39,6 @@ def test_a_terminal_of_80_columns_shows_whole_words(name, tmp_path, monkeypatch)
     assert split_words(shown) <= whole
 
 
-def test_lines_continue_in_their_column_and_long_words_stay_whole():
-    assert terminal.wrap_lines("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
-    assert terminal.wrap_lines("one two three\n\nfour", 20) == "one two three\n\nfour"
-    path = "/a/very-long/path"
-    assert terminal.wrap_lines(f"files       {path} and", 16) == f"files\n            {path}\n            and"
-
-
-@pytest.mark.long
-def test_lines_in_pipes_do_not_break(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "40")
-    lines = call(*COMMANDS["run"])[1].splitlines()
-    assert lines[0] == "feng_han_huang: A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang."
-    assert sum(line.startswith("files") for line in lines) == 1
-    assert "history.npz" in lines[-1]
-
-
 def test_an_interrupt_prints_one_line(tmp_path):
     file = tmp_path / "stopped.py"
     body = "signal.raise_signal(signal.SIGINT)\n    time.sleep(60)"

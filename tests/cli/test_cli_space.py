@@ -62,13 +62,13 @@ def test_pictures_and_the_report_name_what_they_leave_out(block, tmp_path, monke
     monkeypatch.setitem(sys.modules, "pyvista", None)
     out = tmp_path / "out"
     printed = run("run", block, "--n", "2", "--steps", "2", "--plot", "--report", "--out", str(out))
-    missing = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
+    missing = "deformed_body: drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
     assert f"left out {missing}" in printed
     pictures = {"contact_face", "hysteresis_loop", "forces_over_time", "energy_ledger"}
     files = {"report.html", "history.pvd", "step_0002.vtu", "contact.csv", "summary.json"}
     assert {path.name for path in out.iterdir()} >= files | {f"{name}.png" for name in pictures}
     page = html.unescape((out / "report.html").read_text())
     assert f"Left out: {missing}." in page
-    assert page.count("<img") == 5
+    assert page.count("<img") == 4
     assert "largest friction per area" in page
     assert "algebra" in page.split("Error budget")[1]

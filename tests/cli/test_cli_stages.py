@@ -42,17 +42,6 @@ def test_stages_have_folders_and_one_joined_history(pad):
     assert np.array_equal(joined.dissipated[2:], stages[1].dissipated)
 
 
-@pytest.mark.long
-def test_a_report_contains_all_stages(pad):
-    pytest.importorskip("matplotlib")
-    code, printed = call("run", "pad.py", "--n", "2", "--out", "out", "--plot", "--report")
-    assert code == 0
-    assert "energy_ledger.png" in printed
-    page = (pad / "out/report.html").read_text()
-    for words in ("stage 2", "t = 1 ... 2, 8 steps", "no errors of friction work, work and wear"):
-        assert words in page
-
-
 def test_show_describes_every_stage(pad):
     first, second = call("show", "pad.py", "--n", "4")[1].split("stage 2 ")
     assert "stage 1" in first

@@ -12,7 +12,7 @@ import pytest
 from called import call
 
 import vemcvx as vx
-from vemcvx.cli.problem_file import read_problem, split_values
+from vemcvx.cli.problem_file import read_problem
 from vemcvx.cost import study
 
 PAD = '''"""A pad."""
@@ -45,26 +45,12 @@ def run(pad, *words):
     return call("run", str(pad), "--n", "4", "--steps", "4", *words)
 
 
-@pytest.mark.parametrize(
-    ("typed", "values"),
-    [
-        (".1,.2, .3", [".1", ".2", ".3"]),
-        ("(1,2)", ["(1,2)"]),
-        ("(1,2),(3,4)", ["(1,2)", "(3,4)"]),
-        ("hard,2-ply", ["hard", "2-ply"]),
-        ("f(1,2)x", ["f(1,2)x"]),
-        (",", [","]),
-    ],
-)
-def test_values_are_split_at_commas_outside_brackets(typed, values):
-    assert split_values(typed) == values
-
-
 def test_settings_are_combined_and_brackets_are_single_values(pad):
     problem = read_problem(pad)
     assert problem.combine_settings(["friction=.1,.2", "kind=hard,soft"]) == [
         (f"friction={friction}", f"kind={kind}") for friction in (".1", ".2") for kind in ("hard", "soft")
     ]
+    assert problem.combine_settings(["kind=2-ply, hard,hard"]) == [("kind=2-ply",), ("kind=hard",)]
     assert problem.combine_settings(["push=(.1,-.02),(.2,-.02)"]) == [("push=(.1,-.02)",), ("push=(.2,-.02)",)]
     assert problem.combine_settings([]) == [()]
 

@@ -103,11 +103,6 @@ def test_a_lesson_is_copied_as_a_notebook_with_the_cells_of_its_file(tmp_path):
             assert source.replace("\n", "\n# ").replace("# \n", "#\n") in text
 
 
-def test_a_package_without_problem_files_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
-    assert "found no problem files" in refuse("problems")
-
-
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     """The folder of the unpacked wheel."""

@@ -10,7 +10,6 @@ from called import call
 from scenes import mostly_long, paper_scene
 
 import vemcvx as vx
-from vemcvx.cli import live_page
 from vemcvx.cli.terminal import limit_log
 from vemcvx.simulation import warn_of_turns
 
@@ -26,12 +25,6 @@ def messages(caplog):
 def test_a_comparison_warns_once_that_mechanical_work_has_errors_of_first_order_in_the_step(messages):
     call("compare", "feng_han_huang", "--n", "4", "--steps", "2", "--solvers", "newton,clarabel,osqp")
     assert [words.split(":")[0] for words in messages()] == ["time steps"]
-
-
-@pytest.mark.long
-def test_the_check_of_the_live_page_logs_nothing(messages):
-    live_page.check()
-    assert not messages()
 
 
 def test_each_kind_of_message_is_limited_separately(messages):

@@ -21,7 +21,6 @@ from texts import ROOT
 from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.base.owned_files import Owned
 from vemcvx.cli import app
 from vemcvx.cli.cost import Cost
 from vemcvx.cli.problem_file import Posed, read_problem
@@ -104,7 +103,7 @@ def test_a_sweep_with_given_meshes_adapts_no_mesh(tmp_path):
     assert done.exit_code == 0, done.output
     found = read_table(tmp_path)
     assert sorted((row["n"], row["steps"], row["target"]) for row in found) == [("2", "2", ""), ("4", "2", "")]
-    assert "for 50 %: use squares n = " in done.output
+    assert "for 5 %: no run of this sweep is as good; the best is squares n = 4" in done.output
     # The error of the reference itself is as large as these errors.
     assert "uncertain   errors below " in done.output
 
@@ -138,22 +137,6 @@ def test_failed_runs_have_rows_in_the_table(tmp_path, solver, status, words):
     assert table([row]).splitlines()[1].endswith(",0,0")
 
 
-def test_a_second_sweep_in_the_folder_is_refused(tmp_path):
-    with Owned(tmp_path / "out"):
-        done = cost(PROBLEM, *GRID, "--out", tmp_path / "out")
-    assert done.exit_code == 2
-    assert "another run is writing there" in " ".join(done.output.split())
-
-
-@pytest.mark.parametrize("name", ["cost.csv", "cost.png", "reference.npz"])
-def test_foreign_files_are_not_replaced(tmp_path, name):
-    (tmp_path / name).write_text("a thesis")
-    done = cost(PROBLEM, *GRID, "--out", tmp_path)
-    assert done.exit_code == 2
-    assert f"{name}: not made by a run of this version" in " ".join(done.output.split())
-    assert (tmp_path / name).read_text() == "a thesis"
-
-
 class Own(vx.SceneError):
     """An error class that a user's file defines."""
 
@@ -173,17 +156,8 @@ def test_a_process_that_ends_or_takes_too_long_raises_an_error():
 
 
 def list_children(pid):
-    """Return the process ids of all descendants of a process."""
-    parents = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
-        except OSError:
-            continue
-        if state != "Z":
-            parents.setdefault(int(parent), []).append(int(stat.parent.name))
-    found = parents.get(pid, [])
-    return found + [one for child in found for one in list_children(child)]
+    """Return the process ids of all children of a process."""
+    return [child for path in Path(f"/proc/{pid}/task").glob("*/children") for child in path.read_text().split()]
 
 
 def wait_for(condition):
@@ -195,7 +169,7 @@ def wait_for(condition):
     raise AssertionError("the condition never held")
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the test needs /proc")
+@pytest.mark.skipif(not list(Path("/proc/self/task").glob("*/children")), reason="the test needs lists of children")
 @pytest.mark.long
 @pytest.mark.parametrize(("sent", "code"), [("SIGKILL", -9), ("SIGINT", 130)])
 def test_an_ended_sweep_leaves_no_process(tmp_path, sent, code):
@@ -253,9 +227,7 @@ def test_the_picture_stays_within_the_page_and_needs_no_colours():
     drawn = picture(found, (0.05, 0.02), 0.005, "title")
     assert_drawn_within_the_page(drawn)
     runs = [line for line in drawn.axes[0].lines if "," in line.get_label()]
-    marks = {line.get_label().split(",")[0]: line.get_marker() for line in runs}
-    assert len(set(marks.values())) == len(marks) == 2
-    assert len({(line.get_marker(), line.get_markersize(), line.get_fillstyle()) for line in runs}) == len(runs) == 5
+    assert len({line.get_marker() for line in runs}) == len(runs) == 5
 
 
 def test_points_are_all_combinations_of_settings():
@@ -275,13 +247,6 @@ def test_errors_are_compared_at_common_instants():
     assert common_instants([courses[2], courses[3]]).tolist() == [3.0]
     with pytest.raises(vx.ProblemError, match=r"times\(4\) runs from 0 to 3 and times\(5\) runs from 0 to 2"):
         common_instants([courses[4], np.linspace(0.0, 2.0, 6)])
-
-
-def test_an_unknown_solver_is_refused_before_any_run(tmp_path):
-    done = cost(PROBLEM, "--out", tmp_path / "out", "--solver", "newtn")
-    assert done.exit_code == 2
-    assert "'newtn'" in done.output
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.long

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from blocks_in_space import pose_block_on_floor
-from installed import needs
-from scenes import paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import Iterative, Pardiso, SuperLU, choose_linear
@@ -31,15 +29,6 @@ def test_iterative_solvers_start_at_fewer_unknowns_in_space_than_in_the_plane(mo
     system = pose_block_on_floor(2, lambda t: np.zeros(3))
     assert system.linear() == (Iterative() if find_spec("pyamg") else SuperLU())
     assert replace(system, near_kernel=None).linear() == SuperLU()
-
-
-@needs("pyamg")
-def test_a_run_logs_the_chosen_linear_solver_once(monkeypatch, caplog):
-    monkeypatch.setattr("vemcvx.linear.default.LARGEST_FACTOR", 10)
-    scene = vx.Scene(*paper_scene(), vx.Viscosity(0.1, 0.1))
-    with caplog.at_level("INFO", logger="vemcvx"):
-        vx.simulate(scene, small("squares", 6), [0.0, 0.1, 0.3])
-    assert caplog.text.count("linear solver: Iterative") == 1
 
 
 def test_a_solver_that_is_not_installed_is_not_chosen(monkeypatch):

@@ -73,39 +73,6 @@ def test_the_page_begins_with_a_load_cycle_on_the_papers_block(ran):
 
 
 @pytest.mark.long
-def test_every_scene_of_the_page_has_every_path_and_mesh(ran):
-    app = ran[0]
-    for name, count in app.SCENES.values():
-        problem = read_problem(name)
-        assert "bound" in app.settings_of(problem)
-        assert app.paths_of(problem) == list(app.PATHS)
-        assert count > 2
-        for family in app.FAMILIES if problem.family in app.FAMILIES else [problem.family]:
-            assert problem.mesh(4, family).n_cells > 1
-    for path, turns in app.PATHS.items():
-        ends = np.linspace(0, 1, len(turns)) if turns else np.array([0.0, 1.0])
-        assert app.course_of(path, problem)(ends) == pytest.approx(turns or (0, 1))
-        # Each turning point is an instant of the run.
-        assert app.STEPS * ends == pytest.approx((app.STEPS * ends).round(), abs=1e-12)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("solver", "accuracy", "words"),
-    [("Newton", 1e-8, "asked: 1e-08"), ("Clarabel", 1e-14, "asked for 1e-14, missed at")],
-)
-def test_the_page_shows_whether_the_accuracy_is_reached(ran, solver, accuracy, words, monkeypatch):
-    """Clarabel reaches energy errors of about 1e-8 at best."""
-    app = ran[0]
-    monkeypatch.setitem(app.SOLVERS, solver, lambda: getattr(vx, solver)(accuracy=accuracy))
-    problem = read_problem("kelvin_voigt_creep")
-    history = app.solve(problem, problem.mesh(2), {"bound": 0.05}, "there and back", solver)
-    number, text = app.numbers_of(history, 1)[3][1:]
-    assert number == f"{history.certified.max():.0e}"
-    assert text.startswith(f"relative, the largest of all steps; {words}")
-
-
-@pytest.mark.long
 @pytest.mark.usefixtures("runs_once")
 def test_check_prints_one_line():
     code, output = call("app", "--check")
@@ -163,21 +130,6 @@ def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
     app, _, found = live_page._run()
     assert dict(found["settings"].value) == {"young": 10.0, "count": 3, "poisson": 0.25}
     assert app.settings_of(found["problem"])["count"][1] == [1, 2, 3, 4, 5, 6, 7]
-
-
-@pytest.mark.long
-def test_units_of_a_problem_file_are_on_every_axis_and_errors_name_its_line(ran, tmp_path):
-    (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2))
-    app, problem = ran[0], read_problem(tmp_path / "own.py")
-    history = app.solve(problem, problem.mesh(3), {}, "as in the problem file", "Newton")
-    for _, figure, words in app.pictures(history, 3, lambda t: t, problem.units):
-        texts = [words, *(one.get_text() for one in words_drawn(figure))]
-        assert any(f"({unit})" in text for text in texts for unit in ("mm", "N mm", "s", "MPa")), texts
-        assert not [text for text in texts for word in ("length", "force", "time") if f"({word}" in text]
-    (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
-    problem = read_problem(tmp_path / "own.py")
-    with pytest.raises(vx.VemcvxError, match=r"own.py, line \d+: its scene failed: ZeroDivisionError"):
-        app.solve(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
 
 
 @pytest.mark.long

@@ -31,15 +31,6 @@ def test_a_missing_package_is_named(monkeypatch):
 
 
 @pytest.mark.long
-def test_a_solver_that_does_not_converge_is_named(monkeypatch):
-    monkeypatch.setitem(doctor.NAMES, "newton", lambda: vx.Newton(accuracy=1e-30))
-    code, output = call("doctor")
-    assert code == 1
-    assert "does not work: step 1" in output
-    assert "Failed: newton." in output
-
-
-@pytest.mark.long
 def test_an_answer_with_a_false_certificate_is_named(monkeypatch):
     """The steps are solved and certified with forces that are a millionth too large."""
     march = doctor.march

@@ -81,10 +81,7 @@ class Problems:
 class Lesson:
     """The command `vemcvx lesson`."""
 
-    number: Annotated[
-        int | None,
-        typer.Argument(metavar="[N]", help="Lesson number. (default: list all)"),
-    ] = None
+    number: Annotated[int | None, typer.Argument(metavar="[N]", help="Lesson number. (default: list all)")] = None
     notebook: Annotated[bool, typer.Option("--notebook", help="Copy the lesson as a notebook, .ipynb.")] = False
 
     def __call__(self) -> None:

@@ -170,18 +170,11 @@ class Compare:
     n: N = None
     steps: Steps = 8
     solvers: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B,...",
-            help="Names of solvers, FILE.py:CLASS for your own, or all for every solver that is installed.",
-        ),
+        str, typer.Option(metavar="A,B,...", help="Names of solvers, FILE.py:CLASS, or all for every installed solver.")
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
     options: Options = NONE
-    time_limit: Annotated[
-        float | None,
-        typer.Option(min=0.01, metavar="SECONDS", help="Time limit of each solver, which runs in its own process."),
-    ] = None
+    time_limit: Annotated[float | None, typer.Option(min=0.01, metavar="SECONDS", help="Limit of each solver.")] = None
     json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
     csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table to this file.")] = None
     settings: Settings = NONE

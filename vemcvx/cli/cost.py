@@ -20,13 +20,14 @@ from vemcvx.cli.problem_file import Posed, Problem, read_problem
 from vemcvx.cli.solver_names import make_solver
 from vemcvx.cli.terminal import FRACTIONS, fraction, parse_list, progress_bar, say
 from vemcvx.cost.sweeping import Point, Sweep, sweep
-from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, reachable_levels, table
+from vemcvx.cost.table import advice, answers, growing_extremes, in_words, picture, table
 from vemcvx.cost.workers import DONE
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 
 DEFAULT_FAMILIES = ("squares", "triangles", "voronoi")
 DEFAULT_N, DEFAULT_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 DEFAULT_SPACE_FAMILIES, SPACE_N, SPACE_TARGETS = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
+LEVELS = 0.05, 0.02, 0.01  # Errors of the advice without targets.
 OTHER_SOLVERS = "clarabel", "osqp"
 TABLE, PICTURE, ARCHIVE = "cost.csv", "cost.png", "reference.npz"
 
@@ -42,39 +43,14 @@ class Cost:
     """The command `vemcvx cost`."""
 
     file: File
-    mesh: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Families of meshes. (default: squares,triangles,voronoi; in space cubes,tetrahedra)",
-        ),
-    ] = None
-    n: Annotated[
-        str | None, typer.Option("--n", metavar="N,N,...", help=f"{CELLS} (default: 8,16,32,64,128; in space 3,6,12)")
-    ] = None
+    mesh: Annotated[str | None, typer.Option(metavar="A,B,...", help="Families of meshes.")] = None
+    n: Annotated[str | None, typer.Option("--n", metavar="N,...", help=CELLS)] = None
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32"
-    solver: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Solvers. (default: newton, and clarabel and osqp at a few points)",
-        ),
-    ] = None
-    accuracy: Annotated[
-        str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
-    ] = None
-    target: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,X,...",
-            help="Relative target errors of adaptive runs and of the advice. (default: 0.05,0.02,0.01, in space "
-            "0.2,0.1; none with --n)",
-        ),
-    ] = None
+    solver: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: mainly newton)")] = None
+    accuracy: Annotated[str | None, typer.Option(metavar="X,...", help="Accuracies of a step. (default: 1e-8)")] = None
+    target: Annotated[str | None, typer.Option(metavar="X,...", help="Target errors of adaptive runs.")] = None
     workers: Annotated[int, typer.Option(min=1, help="Number of processes at a time.")] = 2
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for all results. (default: results/cost_<problem>)")
-    ] = None
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/cost_<problem>)")] = None
     settings: Settings = NONE
 
     def __call__(self) -> None:
@@ -96,7 +72,7 @@ class Cost:
                 found = sweep(recipe, points, files.take(ARCHIVE), workers=self.workers, report=show)
             written = _write_files(found, targets, files, f"{problem.name}: what accuracy costs")
         lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
-        say("\n".join([*lines, *advice(found.rows, targets or reachable_levels(found.rows)), "", written]))
+        say("\n".join([*lines, *advice(found.rows, targets or LEVELS), "", written]))
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
         """Return all combinations, the largest first; by default, other solvers run on some meshes only."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,7 @@ from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.cli.options import NONE, Accuracy, Condense, File, Mesh, N, Settings, SolverName
 from vemcvx.cli.problem_file import read_problem
-from vemcvx.cli.run import Run
+from vemcvx.cli.solver_names import make_solver
 from vemcvx.cli.terminal import parse_list, progress_bar, say
 from vemcvx.exchange import FORMATS, encode_program
 from vemcvx.results import programs_of_steps
@@ -24,9 +25,7 @@ class Export:
     """The command `vemcvx export`."""
 
     file: File
-    steps: Annotated[
-        str, typer.Option(metavar="N,N-N,...", help="The steps to write, 1-8 for a range; 1 is the first.")
-    ]
+    steps: Annotated[str, typer.Option(metavar="N,N-N,...", help="The steps to write; 1 is the first.")]
     form: Annotated[str, typer.Option("--format", help="npz, mtx, cbf, qps, mps or hdf5.")] = "npz"
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None
     mesh: Mesh = None
@@ -47,10 +46,9 @@ class Export:
         with Owned(self.out or Path("results") / f"programs_{problem.name}") as folder:
             kept = sorted({m for n in numbers for m in (n - 1, n)})
             mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
-            same = ("file", "solver", "accuracy", "condense", "settings")
-            run = Run(**{name: getattr(self, name) for name in same})
+            posed = problem.pose(self.settings, mesh, self.of, make_solver(self.solver, self.accuracy))
             with progress_bar("assembling") as show:
-                history, _ = run.simulate(run.pose(problem, mesh, self.of), show, store=kept)
+                history = posed.simulate(condense=self.condense, store=kept, progress=partial(show, "marching"))
             lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}

@@ -23,14 +23,7 @@ class Fitting:
     """The command `vemcvx fit`."""
 
     file: File
-    measured: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE.csv",
-            help='Measured values: a column t with the instants of the run, and columns such as "reaction of top x", '
-            '"displacement at (1, 0.5) y", "slip at (0.5, 0) x" or "dissipated"; empty where nothing was measured.',
-        ),
-    ]
+    measured: Annotated[Path, typer.Option(metavar="FILE.csv", help="A column t, and columns of measured values.")]
     by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters of the scene to fit; they keep their signs.")]
     mesh: Mesh = None
     n: N = None

@@ -18,6 +18,7 @@ import typer
 
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.outline import count_steps
+from vemcvx.cli.options import File
 from vemcvx.cli.problem_file import execute_file, read_problem, run_user_code
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
@@ -37,16 +38,8 @@ this.nextElementSibling.value = this.ariaValueText = steps[this.value].ariaLabel
 class App:
     """The command `vemcvx app`."""
 
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE",
-            help="A problem file, or a name that `problems` lists. (default: the paper's block)",
-        ),
-    ] = ""
-    port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
-    ] = None
+    file: File = ""
+    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port of the page. (default: a free one)")] = None
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
     check: Annotated[bool, typer.Option("--check", help="Test the page without a browser.")] = False
     html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write a page that needs no Python.")] = None

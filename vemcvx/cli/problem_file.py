@@ -21,7 +21,7 @@ import numpy as np
 
 from vemcvx.base.arrays import Floats, brief, is_real
 from vemcvx.base.errors import ProblemError, VemcvxError
-from vemcvx.cli.supplied import problem_files, problem_path
+from vemcvx.cli.supplied import problem_path
 from vemcvx.effects.effect import amount, where
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, Mesh, PolygonMesh, PolyhedralMesh, read
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 def execute_file(path: Path, kind: str) -> ModuleType:
     """Execute a file and return its module; raise ProblemError for a failure. `kind` names the file in messages."""
     if not os.path.isfile(path):
-        known = f" The package has this problem: run {path.stem}." if path.stem in problem_files() else ""
-        raise ProblemError(f"{path}: there is no such {kind}.{known}")
+        raise ProblemError(f"{path}: there is no such {kind}.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is a Python file, whose name ends in .py.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -13,21 +12,18 @@ from pathlib import Path
 from string import Template
 
 from vemcvx.base.canvas import as_png
-from vemcvx.base.errors import ProblemError, VemcvxError
+from vemcvx.base.errors import VemcvxError
 from vemcvx.base.outline import Outline
+from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.doctor import EXTRAS, NEEDED, name_platform, version_of
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.show import problem_in_words
-from vemcvx.cli.terminal import write_text
 from vemcvx.estimate.budget import error_budget
-from vemcvx.estimate.quantities import with_quantities
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.pictures import draw_pictures, omissions
 
 TEMPLATE = Path(__file__).with_name("page.html")
-MARK = '<meta name="generator" content="vemcvx">'  # Only files that contain this mark are replaced.
 REPORT = "report.html"
 
 
@@ -35,13 +31,6 @@ def page(title: str, body: str, style: str = "") -> str:
     """Return an HTML page with a title (text), a body (HTML), and further CSS rules."""
     template = Template(TEMPLATE.read_text(encoding="utf-8"))
     return template.substitute(title=escape(title), body=body, style=style, version=__version__)
-
-
-def check_report(folder: Path) -> None:
-    """Raise ProblemError if the folder contains a file `report.html` that vemcvx did not write."""
-    path = folder / REPORT
-    if os.path.lexists(path) and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
-        raise ProblemError(f"{path}: not written by vemcvx, so it is not replaced. Choose another folder, or move it.")
 
 
 def write_report(
@@ -70,9 +59,8 @@ def write_report(
         ),
     }
     body = "".join(f"<section><h2>{title}</h2>{text}</section>\n" for title, text in sections.items())
-    path = folder / REPORT
-    write_text(path, page(f"{problem.name}: {problem.title}", body), "--report")
-    return path
+    with Owned(folder) as own:
+        return folder / own.write(REPORT, page(f"{problem.name}: {problem.title}", body))
 
 
 def _pictures(history: History, problem: Problem) -> str:
@@ -92,19 +80,3 @@ def _budget(history: History) -> str:
         return error_budget(history).outline().html()
     except VemcvxError as error:
         return f"<p>There is no error budget. {escape(str(error))}</p>"
-
-
-def with_errors(history: History) -> tuple[History, list[str]]:
-    """Return the history with error estimates; if they fail, the same history and a line with the reason."""
-    if history.quantities is not None:
-        return history, []
-    plane, unknowns = isinstance(history.mesh, PolygonMesh), history.trajectory.state.shape[1]
-    # In the plane, the limit is the same as in adaptive runs. In space, unknowns are more expensive.
-    refined, most = (4 * unknowns, 400_000) if plane else (8 * unknowns, 100_000)
-    why = f"the refined mesh would have about {refined} unknowns; vemcvx.quantities(history) computes the errors."
-    if refined <= most:
-        try:
-            return with_quantities(history)[0], []
-        except VemcvxError as error:
-            why = str(error)
-    return history, [f"estimated   no errors of friction work, work and wear: {why}"]

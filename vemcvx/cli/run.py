@@ -17,11 +17,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vemcvx.base.arrays import choice
 from vemcvx.base.canvas import new_figure
 from vemcvx.base.errors import ProblemError, quietly
 from vemcvx.base.outline import coordinates, count_steps
-from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, Of, SolverName
+from vemcvx.cli.options import NONE, Accuracy, Condense, File, FineN, Linear, Mesh, SolverName
 from vemcvx.cli.problem_file import Posed, Problem, is_file, mesh_name, read_problem
 from vemcvx.cli.solver_names import make_linear_solver, make_solver, serve_ranks
 from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, ShowProgress, progress_bar, say
@@ -48,49 +47,25 @@ class Run:
 
     file: File
     mesh: Mesh = None
-    n: Annotated[
-        int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space and with --target)")
-    ] = None
-    steps: Annotated[
-        int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
-    ] = None
+    n: FineN = None
+    steps: Annotated[int | None, typer.Option(min=1, help="Time steps. (default: 64; 8 with --target)")] = None
     solver: SolverName = "newton"
     accuracy: Accuracy = None
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write the history to DIR, for ParaView and scripts.")
-    ] = None
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the history to DIR, for ParaView.")] = None
     plot: Annotated[bool, typer.Option("--plot", help="Write pictures into DIR, or results/<problem>.")] = False
-    report: Annotated[
-        bool, typer.Option("--report", help="Write report.html into DIR, or results/<problem>, if the run succeeds.")
-    ] = False
+    report: Annotated[bool, typer.Option("--report", help="Write report.html into the same folder.")] = False
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all"
     condense: Condense = True
-    resume: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Continue the interrupted run whose --out was DIR.")
-    ] = None
+    resume: Annotated[Path | None, typer.Option(metavar="DIR", help="Continue the run whose --out was DIR.")] = None
     linear: Linear = None
-    target: Annotated[
-        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error, such as 0.02.")
-    ] = None
-    of: Of = "energy"
-    bound: Annotated[
-        bool, typer.Option("--bound", help="Compute guaranteed lower and upper bounds on the mesh error of every step.")
-    ] = False
+    target: Annotated[float | None, typer.Option(metavar="X", help="Choose mesh and steps for this error.")] = None
+    of: Annotated[str, typer.Option(help="Quantity of --target: energy (its norm), dissipated, work, wear.")] = "energy"
+    bound: Annotated[bool, typer.Option("--bound", help="Guarantee bounds on the mesh error of every step.")] = False
     settings: Annotated[
-        list[str],
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE,...",
-            help="A parameter of the scene; may be repeated. All combinations of several values are run.",
-        ),
+        list[str], typer.Option("--set", metavar="NAME=VALUE,...", help="A parameter; several values make a study.")
     ] = NONE
-    results: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...", help=f"Results in the table of several runs. (default: {','.join(study.USUAL)})"
-        ),
-    ] = None
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes of several runs.")] = 2
+    results: Annotated[str | None, typer.Option(metavar="NAME,...", help="Columns of the table of a study.")] = None
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes of a study.")] = 2
 
     def __call__(self) -> None:
         """Simulate a problem, and print the results and how certain they are."""
@@ -113,7 +88,6 @@ class Run:
         stored = int(self.store) if self.store.isdecimal() else self.store
         # The folder is locked until the history is written: a second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
-        unestimated = list[str]()  # Why the report has no error estimates.
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
                 check_memory(problem, n, self.mesh)
@@ -125,15 +99,10 @@ class Run:
             else:
                 history, words = self._adapt(self.pose(problem, mesh, steps), self.target, show)
             history = replace(history, units=problem.units)
-            if self.report:
-                from vemcvx.cli.report import with_errors, write_report
-
-                show("estimating errors, in finer steps and on a finer mesh", 0, None)
-                history, unestimated = with_errors(history)
             summary = self._write(history, problem, folder, n, show)
             if rows is not None:
                 rows.clear()
-        lines = [f"{problem.name}: {problem.title}", *words, *summary, *unestimated]
+        lines = [f"{problem.name}: {problem.title}", *words, *summary]
         if self.plot:
             from vemcvx.plots.pictures import omissions, write_plots
 
@@ -141,6 +110,8 @@ class Run:
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in omissions(history)]
         if self.report:
+            from vemcvx.cli.report import write_report
+
             name = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
             results = "\n".join(lines)
             path = write_report(drawings, problem, history, settings=self.settings, mesh=name, results=results)
@@ -150,13 +121,12 @@ class Run:
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in its own process and folder, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
-        if self.resume is not None or (self.report and self.out is None):
-            raise ProblemError("--set: found several runs; --report needs --out DIR, and they cannot be resumed.")
-        drawings = self.out or Path("results") / problem.name
+        if self.resume is not None or (self.out is None and (self.plot or self.report)):
+            raise ProblemError("--set: several runs cannot be resumed; --plot and --report of them need --out DIR.")
         if self.plot:
             new_figure()
-        if self.plot or self.out:
-            study.reserve_files(drawings, study.TABLE, study.WORDS, study.PICTURE)
+        if self.out:
+            study.reserve_files(self.out)
         folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [
             replace(self, settings=list(each), out=out, plot=False) for each, out in zip(several, folders, strict=True)
@@ -172,9 +142,6 @@ class Run:
         lines = [title, study.table(rows, chosen, words if problem.units else {}).text(), *study.remarks(rows)]
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, folders of runs")
-        elif figure is not None:
-            (name,) = study.write(rows, drawings, figure, tables=False)
-            lines.append(f"picture     {drawings / name}")
         say("\n".join(lines))
         if failed := {row["status"] for row in rows} - {DONE}:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
@@ -232,12 +199,8 @@ class Run:
         drawings = folder or Path("results") / problem.name
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run continues in the folder that holds it; omit --out.")
-        if self.of != "energy":
-            from vemcvx.estimate.adapt import QUANTITIES
-
-            choice(self.of, "--of", "quantity", list(QUANTITIES), ProblemError)
-            if self.target is None:
-                raise ProblemError(f"--of: {self.of} needs --target X, the relative error of this quantity.")
+        if self.of != "energy" and self.target is None:
+            raise ProblemError(f"--of: {self.of} needs --target X, the relative error of this quantity.")
         given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
         given["--store last"] = True if self.store == "last" else None
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
@@ -250,10 +213,6 @@ class Run:
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.plot or self.report:
             new_figure()
-        if self.report:
-            from vemcvx.cli.report import check_report
-
-            check_report(drawings)
         if self.plot or self.report or folder:
             files.writable_folder(drawings)
         if folder:

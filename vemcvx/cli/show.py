@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
-
-import typer
 
 from vemcvx.base.arrays import Floats
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
-from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
+from vemcvx.cli.options import NONE, File, FineN, Mesh, Settings
 from vemcvx.cli.problem_file import Problem, mesh_name, read_problem
 from vemcvx.cli.terminal import say
 from vemcvx.history import FOR_GIVEN
@@ -28,7 +25,7 @@ class Show:
 
     file: File
     mesh: Mesh = None
-    n: Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space)")] = None
+    n: FineN = None
     settings: Settings = NONE
 
     def __call__(self) -> None:

@@ -24,15 +24,12 @@ COLUMN = 12  # Width of the name at the start of a line, and indentation of cont
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print a text to standard output or standard error; on a terminal, wrap its lines to the width."""
-    terminal = (sys.stderr if err else sys.stdout).isatty()
-    typer.echo(wrap_lines(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
-
-
-def wrap_lines(text: str, width: int) -> str:
-    """Return a text in lines of at most `width` characters; longer words have a line of their own."""
-    wrapper = TextWrapper(width, subsequent_indent=" " * COLUMN, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(map(wrapper.fill, text.split("\n")))
+    """Print a text to standard output or standard error; on a terminal, break its lines between words."""
+    if (sys.stderr if err else sys.stdout).isatty():
+        wrapper = TextWrapper(shutil.get_terminal_size().columns, subsequent_indent=" " * COLUMN)
+        wrapper.break_long_words = wrapper.break_on_hyphens = False
+        text = "\n".join(map(wrapper.fill, text.split("\n")))
+    typer.echo(text, err=err)
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
@@ -157,7 +154,5 @@ def report_errors() -> Iterator[None]:
     except MemoryError as error:
         advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer of them (--store)"
         raise end(f"not enough memory: {error or 'none is left'}; {advice}.", INVALID) from error
-    except SystemExit as error:
-        raise end(f"the code of the problem file ended the program by SystemExit({error.code!r}).", INVALID) from error
     except KeyboardInterrupt as stop:
         raise end("interrupted; `run --resume DIR` continues a run with --out DIR.", 128 + signal.SIGINT) from stop

@@ -78,23 +78,19 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
         yield f"{kind:11s} {'all runs' if len(runs) == len(rows) else '; '.join(runs)}: {words}"
 
 
-def reserve_files(folder: Path, *names: str) -> None:
+def reserve_files(folder: Path) -> None:
     """Fail before the work starts if the files cannot be written."""
     with Owned(folder) as own:
-        for name in names:
+        for name in (TABLE, WORDS, PICTURE):
             own.take(name)
 
 
-def write(rows: Sequence[Row], folder: Path, figure: Figure | None, *, tables: bool = True) -> list[str]:
+def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
     """Write all settings and results as CSV and JSON, and the picture; return the names of the files."""
-    files: dict[str, str | bytes] = {}
-    if tables:
-        plain = [{name: value for name, value in row.items() if name != "warnings"} for row in rows]
-        files = {TABLE: csv(plain), WORDS: f"{json.dumps(rows, indent=2)}\n"}
-    if figure is not None:
-        files[PICTURE] = as_png(figure, 160)
+    plain = [{name: value for name, value in row.items() if name != "warnings"} for row in rows]
     with Owned(folder) as own:
-        return [own.write(name, content) for name, content in files.items()]
+        names = [own.write(TABLE, csv(plain)), own.write(WORDS, f"{json.dumps(rows, indent=2)}\n")]
+        return names if figure is None else [*names, own.write(PICTURE, as_png(figure, 160))]
 
 
 def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], title: str = "") -> Figure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vemcvx.base.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.base.errors import VemcvxError
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 EXTREMES = {"von_mises": "von Mises stress", "pressure": "pressure", "friction": "friction"}
-FILL_STYLES = "full", "none", "left", "top", "right", "bottom"  # Fill styles of markers, one per solver.
 
 
 def in_words(row: Row) -> str:
@@ -66,12 +65,6 @@ def growing_extremes(rows: Sequence[Row]) -> Iterator[str]:
             yield f"the largest {words} {found} ({family or 'its own mesh'}, n = {', '.join(map(str, sorted(own)))})"
 
 
-def reachable_levels(rows: Sequence[Row]) -> list[float]:
-    """Return the two smallest of the error levels 50 %, 20 %, 10 % ... that some run reaches."""
-    levels = [digit * 10.0**-k for k in range(1, 9) for digit in (5.0, 2.0, 1.0)]
-    return [level for level in levels if any(row["error"] <= level for row in answers(rows))][-2:]
-
-
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
     """Yield a line for each error level: the fastest run that reaches the level, or else the most accurate run."""
     found = sorted(answers(rows), key=lambda row: row["seconds"])
@@ -111,17 +104,14 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
 
 
 def _draw_rows(ax: Axes, rows: Sequence[Row], cost: str) -> None:
-    """Draw errors over costs: the Pareto front, and one marker per family and solver (black edge: adaptive mesh)."""
+    """Draw errors over costs: the Pareto front, and a marker for each family, solver and kind of mesh."""
     best = front(rows, cost)
     ax.plot([row[cost] for row in best], [100 * row["error"] for row in best], "0.25", label="Pareto front")
-    kinds = sorted({(str(row["family"]), row["solver"], row["target"] is not None) for row in rows})
-    families, solvers = (list(dict.fromkeys(kind[k] for kind in kinds)) for k in (0, 1))
-    for family, solver, adaptive in kinds:
-        own = [row for row in rows if (str(row["family"]), row["solver"]) == (family, solver)]
-        own = [row for row in own if (row["target"] is not None) == adaptive]
-        k, fill = families.index(family), FILL_STYLES[solvers.index(solver) % len(FILL_STYLES)]
-        style: dict[str, Any] = {"color": SERIES[k % len(SERIES)], "marker": MARKERS[k % len(MARKERS)]}
-        style |= {"markersize": 8, "markeredgecolor": "black"} if adaptive else {"markersize": 5}
-        words = f"{'own mesh' if family == 'None' else family}, {solver}{', adaptive' * adaptive}"
-        x, y = [row[cost] for row in own], [100 * row["error"] for row in own]
-        ax.plot(x, y, linestyle="", fillstyle=fill, label=words, **style)
+    kinds: dict[str, list[Row]] = {}
+    for row in rows:
+        adapted = ", adaptive" * (row["target"] is not None)
+        kinds.setdefault(f"{row['family'] or 'own mesh'}, {row['solver']}{adapted}", []).append(row)
+    for k, words in enumerate(sorted(kinds)):
+        x, y = [row[cost] for row in kinds[words]], [100 * row["error"] for row in kinds[words]]
+        color = SERIES[(k + k // len(MARKERS)) % len(SERIES)]
+        ax.plot(x, y, linestyle="", marker=MARKERS[k % len(MARKERS)], color=color, markersize=6, label=words)

@@ -87,20 +87,12 @@ class Benchmark:
     """The command `vemcvx benchmark`."""
 
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `vemcvx collection` wrote.")]
-    solvers: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Names of solvers, or FILE.py:CLASS for your own. (default: none; only show stored results)",
-        ),
-    ] = None
+    solvers: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: show results)")] = None
     time_limit: Annotated[float, typer.Option(min=0.01, metavar="SECONDS", help="Time limit of one trial.")] = 60.0
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
-    only: Annotated[
-        str | None, typer.Option(metavar="WORD,WORD,...", help="Instances whose grade or name has one of these words.")
-    ] = None
+    only: Annotated[str | None, typer.Option(metavar="WORD,...", help="Instances with one of these words.")] = None
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: DIR/benchmark)")] = None
 
     def __call__(self) -> None:

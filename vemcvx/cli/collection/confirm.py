@@ -22,7 +22,6 @@ import copy
 import json
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +51,7 @@ class Program:
             self.d, self.lam, self.p = kept["d"], kept["lam"].reshape(self.b.shape), kept["p"]
         self.block = self.b.shape[-1] // self.w.shape[-1] if self.w.size else 1
         """Number of components of a norm term: one in the plane, two in space."""
-        if self.N.size:
-            self.solve: Callable[[Any], Any] = la.pinvh(self.K.toarray()).dot
-        elif isinstance(kept["K"], np.ndarray):
-            self.solve = partial(la.cho_solve, la.cho_factor(kept["K"]))
-        else:
-            self.solve = splu(self.K).solve
+        self.solve: Callable[[Any], Any] = la.pinvh(self.K.toarray()).dot if self.N.size else splu(self.K).solve
 
     def steps(self) -> list[Program]:
         """Return the programs of a sequence, whose vectors have one row per step; a single program is a list of one."""

@@ -24,15 +24,14 @@ import numpy as np
 import scipy.sparse as sp
 import typer
 
-from vemcvx.base.arrays import ROUNDING, SAME, Floats, choice
-from vemcvx.base.errors import ProblemError
+from vemcvx.base.arrays import ROUNDING, SAME, Floats
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
 from vemcvx.base.version import __version__
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import limit_log, progress_bar, say
-from vemcvx.exchange import FORMATS, description, encode_program, in_json, sequence_to_npz
+from vemcvx.exchange import description, encode_program, in_json, sequence_to_npz
 from vemcvx.program import SolvedProgram, StepProgram
 from vemcvx.results import programs_of_steps
 from vemcvx.scene import suppress_scene_warnings
@@ -196,13 +195,8 @@ class Collection:
     """The command `vemcvx collection`."""
 
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
-    form: Annotated[
-        str | None, typer.Option("--format", metavar="mtx|cbf|mps|qps", help="A further format beside npz.")
-    ] = None
     core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
-    large: Annotated[
-        bool, typer.Option("--large", help="Include sparse programs of up to a million unknowns: minutes and a GB.")
-    ] = False
+    large: Annotated[bool, typer.Option("--large", help="Add programs of up to a million unknowns.")] = False
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
@@ -210,17 +204,15 @@ class Collection:
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
-            say(write_collection(self.out, self.form, (*chosen, *more), progress=show))
+            say(write_collection(self.out, (*chosen, *more), progress=show))
 
 
 def write_collection(
     folder: Path,
-    beside: str | None = None,
     instances: Sequence[CollectionInstance] = (*INSTANCES, *SEQUENCES),
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
     """Make every instance, write its files, a manifest and the script, and return a summary in words."""
-    forms = dict.fromkeys([choice(beside or "npz", "--format", "format", list(FORMATS), ProblemError), "npz"])
     rows, sums = list[dict[str, Any]](), dict[str, str]()
     with Owned(folder) as files:
 
@@ -229,7 +221,7 @@ def write_collection(
 
         for done, (instance, solved) in enumerate(_make_programs(instances)):
             progress(instance.name, done, len(instances))
-            data = _encode(instance, solved, tuple(forms))
+            data = _encode(instance, solved)
             for end, content in data.items():
                 write(f"{instance.name}{end}", content)
             row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)}
@@ -266,11 +258,11 @@ def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
     return Table(("name", "grade", *SIZES, "status", "low", "high"), cells)
 
 
-def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram], forms: Sequence[str]) -> dict[str, bytes]:
+def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram]) -> dict[str, bytes]:
     """Return suffix -> contents for the files of one program or of a sequence."""
     if instance.steps == 1:
         program, proof = _variant(instance, solved[0])
-        files = {end: data for form in forms for end, data in encode_program(program, form).items()}
+        files = encode_program(program, "npz")
         return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
     # In the JSON of a sequence, values are sums over all steps, and errors are the largest of all steps.
     each = [description(program) for program in solved]

@@ -137,14 +137,6 @@ SCENES = {
     "compliant": tilted(vx.NormalCompliance(500.0, on="bottom"), TRESCA),
     "warm": WARM,
     "contrast": CONTRAST,
-    "on springs": vx.Scene(
-        STEEL,
-        vx.ElasticFoundation(normal=80.0, tangential=20.0, on="bottom"),
-        vx.Pressure(lambda x, t: 5.0 * t * (1.0 + x[:, 0]), on="top"),
-        vx.UnilateralContact(on="right"),
-        vx.TrescaFriction(1.0, on="right", while_closed=False),
-        vx.Traction(lambda x, t: np.tile([3.0 * t, 0.0], (len(x), 1)), on="left"),
-    ),
     "held by friction": vx.Scene(
         STEEL,
         vx.Traction(lambda x, t: np.column_stack([8.0 * t * (1.5 - x[:, 1]), np.zeros(len(x))]), on="left"),

@@ -41,7 +41,7 @@ def inside(fans, outline, body):
 
 def compute_nodal_values(circle, u, t):
     """Yield the fans of each chunk of cells, and the nodal values (c, n, 20) of the conforming displacement."""
-    body = circle.boundary.reader.body(t)[0]
+    body = circle.boundary.reader.body_forces(t)[0]
     outline = circle.equilibrium.edges.outline(u)
     for one in circle.forms:
         yield one.fans, inside(one.fans, outline[one.outlines], body[one.fans.cells])
@@ -53,7 +53,7 @@ def energy_distance(circle, one, other):
     body = np.zeros((circle.posed.space.mesh.n_cells, 6))
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)
     energy = sum(circle._inner(form, v.outline, v.outline).sum() for form in circle.forms)
-    return float(np.sqrt(energy + circle.boundary.spring_energies(apart[circle.boundary.edges.outer_edges]).sum()))
+    return float(np.sqrt(energy))
 
 
 def compute_enriched_values(pair):
@@ -129,7 +129,7 @@ def distance(coarse, fine, step=-1, of_fine=-1):
 
 
 def enriched_bound(pair):
-    """Return a bound of |u - v - w|_a in scenes without springs: u is the solution, v + w the enriched displacement."""
+    """Return a bound of |u - v - w|_a: u is the solution, v + w the enriched displacement."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import EPS, ROUNDING, SAME, Floats, Ints, totals
+from vemcvx.base.arrays import EPS, ROUNDING, SAME, Floats, Ints
 from vemcvx.base.errors import SceneError
 from vemcvx.bound.fan import Fans, gather
 from vemcvx.bound.skeleton import Skeleton
@@ -79,8 +79,6 @@ class Equilibrium:
     """matrices (k, 4 n, 4 n) of each chunk of cells"""
     P: sp.csr_matrix
     """(4 E, m) matrix from free motions to the motions of all edges"""
-    springs: Floats
-    """(b, 4, 4) matrices of springs on boundary edges"""
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
@@ -100,24 +98,21 @@ class Equilibrium:
         return x
 
     def forces(self, x: Floats) -> Floats:
-        """Return the forces (4 E,) of cells and springs on edges with motions x (4 E,)."""
+        """Return the forces (4 E,) of cells on edges with motions x (4 E,)."""
         each = [one.apply(G, x[at]) for one, G, at in zip(self.fans, self.stiffness, self.edges.places, strict=True)]
-        pull = np.einsum("bij,bj->bi", self.springs, x[self.edges.outer].reshape(-1, 4))
-        outer = self.edges.outer.ravel()
-        return gather(self.edges.places, each, len(x)) + totals(outer, pull.ravel(), len(x))
+        return gather(self.edges.places, each, len(x))
 
 
 def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, ...], boundary: Boundary) -> Equilibrium:
-    """Return the hybrid problem with the supports, springs and bonds of the boundary."""
+    """Return the hybrid problem with the supports and bonds of the boundary."""
     P = _free_motions(edges, boundary)
-    places = [*edges.places, edges.outer.reshape(-1, 4)]
-    each = [*(one.expand(G) for one, G in zip(fans, stiffness, strict=True)), boundary.springs]
-    K = sp.csr_matrix(P.T @ assemble(places, each, P.shape[0]) @ P)
+    each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
+    K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
     # A small multiple of the diagonal anchors a floating body; balanced forces then need a few corrections.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
-    return Equilibrium(edges=edges, fans=fans, stiffness=stiffness, P=P, springs=boundary.springs, factor=factor)
+    return Equilibrium(edges=edges, fans=fans, stiffness=stiffness, P=P, factor=factor)
 
 
 def assemble(places: Sequence[Ints], matrices: Sequence[Floats], size: int) -> sp.csr_matrix:

@@ -45,7 +45,7 @@ class ErrorBound(Outlined):
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
         Bounds on the minimum of the step, (energy) - (work of loads) + (cost of friction); infinite for whole
-        histories.
+        histories, and for data that are not linear on edges and in cells.
     cells : (n_cells,)
         Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
@@ -200,18 +200,19 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
 def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
     """Return the bounds of steps with these pairs."""
     at, circle = np.array(steps), pairs[0].circle
-    eta, omitted = np.transpose([pair.allowances() for pair in pairs])
+    eta = np.array([pair.read.eta for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"
     upper, norm, potential, lower, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in names)
     upper = upper + eta
     worst, outer = pairs[int(np.argmax(upper))], circle.boundary.edges.outer
-    shares = worst.cells + totals(outer, 2.0 * worst.surface.gap + worst.springs, len(worst.cells))
+    shares = worst.cells + totals(outer, 2.0 * worst.surface.gap, len(worst.cells))
+    unknown = np.where(eta > 0.0, np.inf, 0.0)
     return ErrorBound(
         steps=at,
         upper=upper,
         lower=np.maximum(lower - eta, 0.0),
         energy=_energies(norm, upper),
-        potential=(potential - 0.5 * (A2 + eta**2) - gap - omitted, potential - 0.5 * lower**2 + omitted),
+        potential=(potential - 0.5 * A2 - gap - unknown, potential - 0.5 * lower**2 + unknown),
         cells=upper.max() ** 2 * shares / (shares.sum() or 1.0),
         parts={
             "mesh": np.sqrt([pair.cells.sum() for pair in pairs]),

@@ -106,6 +106,14 @@ class Fans:
         return np.asarray(np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0])
 
     @property
+    def rule(self) -> tuple[Floats, Ints, Floats]:
+        """Points (c, 21 n, 2), their cells (21 n c,), and weights (c, 21 n) of quadrature of degree 5."""
+        x = self.centres[:, None, None] + np.einsum("qa,ctba->ctqb", RULE.reshape(-1, 2), self.B)
+        x = x.reshape(len(x), -1, 2)
+        weights = RULE_WEIGHTS * self.doubled_areas[..., None]
+        return x, np.repeat(self.cells, x.shape[1]), weights.reshape(len(x), -1)
+
+    @property
     def n(self) -> int:
         """The number of triangles per fan."""
         return int(self.nodes.shape[1])

@@ -1,7 +1,7 @@
-"""Points between nodes at which data are evaluated: boundary edges cut into pieces, and points in cells.
+"""Points between nodes at which data are evaluated: boundary edges cut into pieces.
 
-The effects of a scene are evaluated again, on the same mesh with boundary edges cut into pieces. An error of assembly
-is the value of a datum at a new node, minus its linear interpolation between the old nodes.
+The effects of a scene are evaluated again, on the same mesh with boundary edges cut into pieces. The deviation of a
+datum from a line is its value at a new node, minus its linear interpolation between the old nodes.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vemcvx.base.arrays import ROUNDING, Bools, Floats, Ints
+from vemcvx.base.arrays import ROUNDING, Floats, Ints
 from vemcvx.bound.skeleton import Skeleton
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.meshes import Interface, PolygonMesh
-from vemcvx.meshes.polygons import outlines, places, positions, triangulate
+from vemcvx.meshes.polygons import positions
 
-PIECES, SPACING = 512, 128
-"""About PIECES pieces of edges, or SPACING small triangles of cells, fit along the longer side of the body's box."""
+PIECES = 32
+"""Number of pieces of each boundary edge."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,11 @@ class FineBoundary:
     old: int
     """number of the first new node"""
     pieces: Ints
-    """(k, 2) the pieces, edge by edge"""
-    piece_owner: Ints
-    """(k,) the boundary edge of each piece"""
+    """(b PIECES, 2) the pieces, edge by edge"""
     owner: Ints
     """(q,) the boundary edge of each new node"""
     along: Floats
     """(q,) position in (0, 1) from the first end of the edge to the second"""
-    lengths: Floats
-    """(q,) length of the pieces at each new node: weights of the trapezoidal rule, if functions vanish at the ends"""
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
         """Return the values at new nodes of linear functions with the values (b, 2, ...) at the ends of edges."""
@@ -68,71 +64,35 @@ def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
 
 
 def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
-    """Return the mesh with its boundary edges cut into pieces, equally on both sides of an interface."""
-    joints, ends = edges.joints, edges.outer_edges
-    counts = np.maximum(np.ceil(edges.lengths * PIECES / np.ptp(mesh.points, axis=0).max()).astype(np.int64), 4)
-    counts[joints.second] = counts[joints.first]
-    inner, piece_owner = counts - 1, np.repeat(np.arange(len(counts)), counts)
-    start, owner = np.cumsum(inner) - inner, np.repeat(np.arange(len(counts)), inner)
-    place = np.arange(len(owner)) - start[owner]
-    along, new = (place + 1) / counts[owner], mesh.n_nodes + np.arange(len(owner))
+    """Return the mesh with its boundary edges cut into pieces."""
+    joints, ends, count = edges.joints, edges.outer_edges, len(edges.outer)
+    new = mesh.n_nodes + np.arange(count * (PIECES - 1)).reshape(count, -1)
+    across = np.full(new.shape, -1)
+    across[joints.first] = new[joints.second, ::-1]
+    owner, along = np.repeat(np.arange(count), PIECES - 1), np.tile(np.arange(1, PIECES) / PIECES, count)
     first, last = mesh.points[ends[owner]].swapaxes(0, 1)
-    offsets = mesh.offsets + np.append(0, np.cumsum(np.bincount(edges.outer, inner, mesh.n_cells))).astype(np.int64)
-    opposite = np.full(len(counts), -1)
-    opposite[joints.first] = joints.second
-    across = np.where(opposite[owner] < 0, -1, mesh.n_nodes + start[opposite[owner]] + inner[owner] - 1 - place)
 
     def chain(between: Ints, tips: Ints) -> Ints:
-        """Return the ends (k, 2) of the pieces of all edges, one after the other."""
-        rows = (np.insert(between, at, tips[:, side]) for side, at in enumerate((start, start + inner)))
-        return np.column_stack(list(rows))
+        """Return the ends (b, PIECES, 2) of the pieces of edges."""
+        nodes = np.column_stack([tips[:, 0], between, tips[:, 1]])
+        return np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
 
-    def find_pieces(whole: Ints) -> Bools:
-        return np.isin(piece_owner, positions(whole, ends, mesh.n_nodes))
+    def select(pieces: Ints, whole: Ints) -> Ints:
+        """Return the pieces (k, 2) of the edges `whole` in the order of all edges."""
+        return pieces[np.unique(positions(whole, ends, mesh.n_nodes))].reshape(-1, 2)
 
     pieces, partners = chain(new, ends), chain(across, joints.across)
+    added = (PIECES - 1) * np.bincount(edges.outer, minlength=mesh.n_cells)
     fine = PolygonMesh.unchecked(
         np.concatenate([mesh.points, first + along[:, None] * (last - first)]),
-        offsets,
-        np.insert(mesh.vertices, edges.outer_corners[owner] + 1, new),
+        mesh.offsets + np.append(0, np.cumsum(added)),
+        np.insert(mesh.vertices, edges.outer_corners[owner] + 1, new.ravel()),
     )
     sides = {name: of for name, of in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
-    named = {name: pieces[find_pieces(of)] for name, of in sides.items()}
     joined = {
-        name: Interface(joint.bodies, pieces[find_pieces(joint.edges)], partners[find_pieces(joint.edges)])
+        name: Interface(joint.bodies, select(pieces, joint.edges), select(partners, joint.edges))
         for name, joint in mesh.interfaces.items()
     }
+    named = {name: select(pieces, of) for name, of in sides.items()}
     fine = fine._replace(_named=named, interfaces=MappingProxyType(joined), cell_data=mesh.cell_data)
-    return FineBoundary(
-        mesh=fine,
-        old=mesh.n_nodes,
-        pieces=pieces,
-        piece_owner=piece_owner,
-        owner=owner,
-        along=along,
-        lengths=(edges.lengths / counts)[owner],
-    )
-
-
-@dataclass(frozen=True)
-class SamplePoints:
-    """A midpoint rule in cells: points (q, 2), weights (q,), and the cell of each point (q,)."""
-
-    x: Floats
-    weights: Floats
-    owner: Ints
-
-
-def in_cells(mesh: PolygonMesh, spacing: float = SPACING) -> SamplePoints:
-    """Return the centroids of small triangles: cells are cut into triangles, and triangles into equal small ones."""
-    corners, areas, owner = triangulate(outlines(mesh.points, mesh.offsets, mesh.vertices))
-    size = np.ptp(mesh.points, axis=0).max()
-    cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) * spacing / size).astype(np.int64), 2)
-    parts = []
-    for m in np.unique(cuts):
-        these, (i, j) = np.flatnonzero(cuts == m), np.indices((m, m))
-        up, down = i + j < m, i + j < m - 1
-        a, b = (np.append(k[up] + 1.0 / 3.0, k[down] + 2.0 / 3.0) / m for k in (i, j))
-        x, count = places(corners[these], np.column_stack([a, b, 1.0 - a - b])), m * m
-        parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
-    return SamplePoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return FineBoundary(mesh=fine, old=mesh.n_nodes, pieces=pieces.reshape(-1, 2), owner=owner, along=along)

@@ -6,7 +6,7 @@ The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quar
 
 with the friction bound g, and the slip v_t - d in the step. For a rigid obstacle, phi(z) is zero up to z = 0, and
 infinite beyond; for a compliant obstacle, phi(z) = k z_+^2 / 2. For the defect b see :mod:`.surface`. The stress
-tau is due to edge motions m (:mod:`.equilibrium`). Springs to the ground (stiffness k) add int k |m - v|^2 to A^2.
+tau is due to edge motions m (:mod:`.equilibrium`).
 
 **The defect r.** Let L v be the edge motions on which linear tractions do the same work as on v (`to_edges`). In a cell
 let x = m - L v, let y be the outline of v minus a linear displacement, and f the coefficients of the body force. With
@@ -20,8 +20,8 @@ to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v
 |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of v. We use displacements w that are quadratic on edges, have
-least energy inside cells, and vanish on supports and on edges with friction, obstacles, springs or bonds. The best w
-solves S w = R. The sum v + w is called richer.
+least energy inside cells, and vanish on supports and on edges with friction, obstacles or bonds. The best w
+solves S w = R, and |w| = R(w) / |w|. The sum v + w is called richer.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.bound.displacement import displacement_form, split_outline, to_edges
 from vemcvx.bound.equilibrium import Equilibrium, assemble, axes_of, edges_of, equilibrium
 from vemcvx.bound.fan import FORCES, Fans, fans_of, gather
-from vemcvx.bound.reading import SAFETY, Reader, Reading
+from vemcvx.bound.reading import Reader, Reading
 from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
 from vemcvx.bound.stress import stress_form
 from vemcvx.bound.surface import Boundary, Surface, free_alone
@@ -105,8 +105,6 @@ class Pair:
     """(2 nodes + 2 E,) w at vertices and at middles of edges"""
     cells: Floats
     """(n_cells,) |r|_K^2"""
-    springs: Floats
-    """(b,) int k |v - m|^2 of springs on edges, with the edge motions m of tau"""
     potential: float
     """J(v)"""
     norm: float
@@ -123,7 +121,7 @@ class Pair:
     @cached_property
     def richer_A2(self) -> float:
         """A^2 of the pair with v + w in place of v."""
-        return float(self.circle.squares(self.richer).sum() + self.springs.sum())
+        return float(self.circle.squares(self.richer).sum())
 
     def work_of(self, load: Pair) -> float:
         """Return the work that the loads and the prestress of the pair `load` do on v + w."""
@@ -134,19 +132,10 @@ class Pair:
         on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 
-    def allowances(self) -> tuple[float, float]:
-        """Return the estimates eta and |l_0(u)| for the omitted load l_0 (:mod:`.reading`); zero if data are linear."""
-        if self.read.exact:
-            return 0.0, 0.0
-        eta = self.read.energy
-        return eta, self.circle.estimate_omitted_work(
-            self.read, self.defect
-        ) + SAFETY * self.read.on_gaps + eta * self.upper
-
     @property
     def A2(self) -> float:
-        """A^2, the sum of the contributions of cells and springs."""
-        return float(self.cells.sum() + self.springs.sum())
+        """A^2, the sum of the contributions of cells."""
+        return float(self.cells.sum())
 
     @property
     def law_defect(self) -> float:
@@ -194,14 +183,13 @@ class Hypercircle:
         defect = Defect(np.zeros(4 * numbered.count), numbered.outline(u), read.body)
         ends = u[boundary.edges.outer_edges]
         tractions, work = self._forces_of(defect, prestress)
-        pull = np.einsum("bij,bj->bi", boundary.springs, ends.reshape(-1, 4)).reshape(ends.shape)
         given = -tractions
-        np.add.at(given, numbered.outer, surface.forces - pull)
+        np.add.at(given, numbered.outer, surface.forces)
         largest = max(float(np.abs(one).max(initial=0.0)) for one in (tractions, surface.forces))
         motion = self.equilibrium.solve(given, largest)
         w, lower = self._best(self.work_of_tractions(surface.loads) - work)
-        defect, springs = replace(defect, motion=motion), boundary.spring_energies(ends).sum()
-        energy, at_rest = self.products(defect, defect)[0].sum() + springs, self.work_of_stress(prestress, defect)
+        defect = replace(defect, motion=motion)
+        energy, at_rest = self.products(defect, defect)[0].sum(), self.work_of_stress(prestress, defect)
         loads = float(self.works(read.body, defect).sum() + np.sum(surface.loads * ends))
         return Pair(
             circle=self,
@@ -213,7 +201,6 @@ class Hypercircle:
             defect=defect,
             w=w,
             cells=self.squares(defect),
-            springs=boundary.spring_energies(motion[numbered.outer]),
             potential=float(0.5 * energy + at_rest - loads + surface.cost.sum()),
             norm=float(np.sqrt(max(energy, 0.0))),
             lower=lower,
@@ -302,19 +289,6 @@ class Hypercircle:
             total += float(one.fans.areas @ np.einsum("ck,ck->c", stress[one.fans.cells], strain))
         return total
 
-    def estimate_omitted_work(self, read: Reading, v: Defect) -> float:
-        """Return the estimate of |l_0(v)| for the omitted load l_0 and the displacement v of a defect."""
-        edges = self.equilibrium.edges
-        forces = self.boundary.forces_of(read.tractions_apart)
-        along = np.sum(forces * (edges.motions @ v.outline)[edges.outer], axis=(1, 2))
-        bent = np.zeros(len(read.body))
-        for one in self.forms:
-            n, f = 4 * one.fans.n, v.body[one.fans.cells]
-            inside = split_outline(one.fans, v.outline[one.outlines])[1]
-            bent[one.fans.cells] = one.forms(one.displacement[:, :n, :n], inside, inside)
-            bent[one.fans.cells] -= one.forms(one.displacement[:, n:, n:], f, f)
-        return read.estimate_omitted_work((self.works(read.body_apart, v), along), bent)
-
 
 def hypercircle(posed: PosedScene) -> Hypercircle:
     """Return the Hypercircle of a posed scene, or raise SceneError."""
@@ -322,10 +296,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     mesh = plane_mesh(posed.space.mesh, "error_bound")
     edges = skeleton(posed)
     fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
-    centres = np.zeros((mesh.n_cells, 2))
-    for one in fans:
-        centres[one.cells] = one.centres
-    boundary = Boundary(posed, edges, Reader(posed, edges, centres))
+    boundary = Boundary(posed, edges, Reader(posed, edges, fans))
     numbered = edges_of(mesh, edges, fans)
     forms = tuple(
         Forms(one, _outline(one, place, posed.space.n_unknowns), stress_form(one), displacement_form(one))
@@ -379,6 +350,11 @@ def check_bounded(posed: PosedScene) -> None:
     plane_mesh(posed.space.mesh, "error_bound", f"{in_space}; vemcvx.error_budget estimates the error")
     posed.space.refuse_revolution("error_bound")
     check_estimable(posed, "error_bound")
+    if posed.springs is not None:
+        raise SceneError(
+            "error_bound: there is no bound with springs to the ground (ElasticFoundation), or with a user's stiffness "
+            "in addition to the material's; vemcvx.error_budget estimates the error."
+        )
     if posed.curves:
         raise SceneError(
             f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: the mesh is a polygon, over "

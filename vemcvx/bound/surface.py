@@ -24,7 +24,7 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, SINGLE_EPS, Bools, Floats
 from vemcvx.base.errors import SceneError
-from vemcvx.bound.reading import Reader, Reading
+from vemcvx.bound.reading import Reader, Reading, stiffness_of
 from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.program.kernel import balance_multipliers
@@ -176,50 +176,12 @@ class Boundary:
 
     @cached_property
     def touching(self) -> Bools:
-        """The mask (b,) of edges with friction, obstacles, springs, or a bonded body."""
+        """The mask (b,) of edges with friction, obstacles, or a bonded body."""
         joints, (slip, normal) = self.edges.joints, self._effect_edges
         found = slip | normal
         found[joints.first] |= self.bonds.any(axis=(1, 2))
-        found |= self.springs.any(axis=(1, 2))
         found[joints.second] |= found[joints.first]
         return found
-
-    @cached_property
-    def springs(self) -> Floats:
-        """The matrices (b, 4, 4) of springs to the ground on edges, for the motions of both ends."""
-        owner, k, count = self.reader.fine.owner, self.reader.springs, len(self.edges.outer)
-        mean = np.zeros((count, 2, 2))
-        np.add.at(mean, owner, k / np.bincount(owner)[owner, None, None])
-        if np.abs(k - mean[owner]).max(initial=0.0) > SAME * np.abs(k).max(initial=0.0):
-            raise SceneError(
-                "error_bound: there is no bound for springs (ElasticFoundation) whose stiffness varies along an edge; "
-                "give one number for each part of the boundary."
-            )
-        springs: Floats = np.einsum("bij,bkl->bikjl", self.edges.lengths[:, None, None] * MASS, mean)
-        self._check_along_boundary(springs.sum(axis=3))
-        return springs.reshape(count, 4, 4)
-
-    def _check_along_boundary(self, felt: Floats) -> None:
-        """Raise SceneError if some stiffness is due neither to the material nor to springs along edges.
-
-        `felt` (b, 2, 2, 2) are the forces of these springs at both ends under unit translations.
-        """
-        stiffness, own = self.posed.springs, np.zeros((self.posed.space.mesh.n_nodes, 2, 2))
-        if stiffness is None:
-            return
-        np.add.at(own, self.edges.outer_edges, felt)
-        whole = (stiffness @ np.tile(np.eye(2), (len(own), 1))).reshape(own.shape)
-        beyond = stiffness.diagonal().reshape(-1, 2).sum(axis=1) - np.trace(own, axis1=1, axis2=2)
-        if max(np.abs(whole - own).max(), beyond.max()) > SAME * np.abs(own).max(initial=0.0):
-            raise SceneError(
-                "error_bound: there is no bound for a user's stiffness in addition to the material's, except "
-                "for springs to the ground along boundary edges, like ElasticFoundation."
-            )
-
-    def spring_energies(self, motion: Floats) -> Floats:
-        """Return int k m . m, (b,), for motions (b, 2, 2) of the ends of edges."""
-        flat = motion.reshape(-1, 4)
-        return np.asarray(np.einsum("bi,bij,bj->b", flat, self.springs, flat))
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
         """Return the support whose `components` (m,) differ most from u (n_nodes, 2) on edges, and the difference."""
@@ -344,8 +306,7 @@ class Boundary:
                 )
             distance[known] = np.minimum(distance[known], read[known])
             if compliant:
-                k = 1.0 / (obstacle.compliance * obstacle.lengths)
-                stiffness[known] = fine.tips(obstacle, k[:, None])[..., 0][known]
+                stiffness[known] = fine.tips(obstacle, stiffness_of(obstacle)[:, None])[..., 0][known]
         distance[~self._moves(self.edges.units)] = np.inf
         return along(self.edges.jumps(u), self.edges.units) - distance, stiffness
 

@@ -56,8 +56,6 @@ def check_history(posed: PosedScene, history: History) -> None:
     """Raise SceneError if there is no bound over the whole history, or not all of it is stored."""
     count = history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
-    if posed.springs is not None:
-        laws = [*laws, "ElasticFoundation"]
     if len(posed.obstacles) or laws:
         raise SceneError(
             f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history exists only "
@@ -94,9 +92,9 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
             lost = circle.boundary.law_defect(before.surface, pair.surface)
             change = float(np.sqrt(circle.squares(pair.richer - before.richer).sum()))
             y, dissipated = float(np.sqrt(y**2 + 2.0 * lost)) + change, dissipated + lost
-            missed += (pair.read - before.read).energy
+            missed += float(np.linalg.norm(pair.read.omitted - before.read.omitted))
         richer = float(np.sqrt(circle.squares(pair.richer).sum()))
-        found.append((y, dissipated, pair.norm, float(np.sqrt(pair.A2)), richer, missed + pair.read.energy))
+        found.append((y, dissipated, pair.norm, float(np.sqrt(pair.A2)), richer, missed + pair.read.eta))
         squares.append(pair.cells)
     between, bends = _between(circle.posed, history)
     sizes = np.column_stack([found, between])

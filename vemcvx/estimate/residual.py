@@ -7,7 +7,8 @@
               + the larger of
                      s S_K(u - Pi u, u - Pi u)                                              the stabilisation
                      sum over edges  |K| / l_e  E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e
-              + errors of assembled data (:mod:`.unseen`)
+              + d_e / (2 mu) |t - t_e|^2_e + h_K^2 / (9 mu) |f - f_K|^2_K                  errors of assembled data
+              + |(C - C_K) eps(Pi u) + sigma_0 - sigma_0K|^2_K in C^{-1}
 
 with sigma = C eps(Pi u) + sigma_0, the projection Pi u to linear displacements in each cell, the shear modulus mu, the
 traction t of loads, contact and springs, and the modulus E of a bar along the edge. In the plane, s = 1 and q = 0; for
@@ -34,9 +35,10 @@ is much larger than the energy of u - Pi u. The pressure q is constant in cells,
 that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most the C^{-1} norm of q I
 times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
 
-The contact force of a node is distributed over its sides e in proportion to int_e phi_i. In space, let t_e and
-f_K be the approximations of loads t and f in the assembled load vector. The data errors are d_e / (2 mu) |t - t_e|^2_e
-and h_K^2 / (9 mu) |f - f_K|^2_K. The integral of squares over a cell is |K| / 3 times their mean over the vertices.
+The contact force of a node is distributed over its sides e in proportion to int_e phi_i. t_e is the mean of the
+traction t over a side; f_K, C_K and sigma_0K are values of a cell. The integral of a square over a cell is |K| / 3
+times its mean over the vertices. In the plane, t is evaluated on pieces of edges, and friction bounds and gaps that are
+not linear between nodes count like errors of t and as in :mod:`vemcvx.bound.reading`. Other data count as linear.
 """
 
 from __future__ import annotations
@@ -49,11 +51,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.base.arrays import SAME, Floats, Ints, totals
-from vemcvx.bound.fine_boundary import SamplePoints
-from vemcvx.bound.reading import POINCARE, list_parts
+from vemcvx.bound.reading import POINCARE, Reader, compare_stresses, list_parts, varies_in_place
 from vemcvx.bound.skeleton import Instant, Joints, body_forces, extents, skeleton
 from vemcvx.effects import Contribution, Load
-from vemcvx.estimate.unseen import DataErrors, stress_squares
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.polygons import cell_of_corner, next_corner, positions, right_of, rows_in_order, spans
@@ -270,8 +270,8 @@ class Residuals:
     # Data.
 
     @cached_property
-    def _unseen(self) -> DataErrors:
-        return DataErrors(self.posed, skeleton(self.posed))
+    def _reader(self) -> Reader:
+        return Reader(self.posed, skeleton(self.posed))
 
     @cached_property
     def _parts(self) -> list[Contribution]:
@@ -279,15 +279,19 @@ class Residuals:
 
     def data(self, now: Instant, strain: Floats) -> Floats:
         """Return the part (n_cells,) of eta_K^2 due to data that are not constant on sides and in cells."""
-        if self.posed.space.in_plane:
-            return self._unseen.squares(now, strain, self._tractions(now.t))
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
         # Integrals over cells are approximated by |K| / 3 times the mean over vertices.
-        owner = cell_of_corner(offsets)
+        owner, found = cell_of_corner(offsets), np.zeros(self.mesh.n_cells)
         weights = (self.mesh.measures / 3.0 / np.diff(offsets))[owner]
-        found = stress_squares(self.posed, self._parts, SamplePoints(x, weights, owner), now.t, strain)
+        if varies_in_place(self._parts):
+            apart, C = compare_stresses(self.posed, self._parts, (x, owner), now.t, strain)
+            squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[..., None])[..., 0])
+            found += totals(owner, weights * squares, self.mesh.n_cells)
+        if self.posed.space.in_plane:
+            means = self._tractions(now.t) / sides.sizes[:, None]
+            found += totals(sides.outer, self._reader.local_errors(now, means), self.mesh.n_cells)
         for load in (load for load in self._loads if callable(load.value)):
-            if load.edges is not None:
+            if load.edges is not None and not self.posed.space.in_plane:
                 at, size, forces = sides.numbers(load.edges), load.measures, load.forces(now.t)
                 whole, area = np.zeros(sides.normals.shape), totals(at, size, count)
                 np.add.at(whole, at, forces)
@@ -296,7 +300,7 @@ class Residuals:
                 found += totals(sides.outer, self.weights * squares, self.mesh.n_cells)
             elif load.cells is not None:
                 middle = load.in_cells(self.mesh.centroids, np.arange(self.mesh.n_cells), now.t)
-                apart = load.in_cells(x, owner, now.t) - middle[owner]
+                apart = (load.in_cells(x, owner, now.t) - middle[owner]).reshape(len(owner), -1)
                 within = totals(owner, weights * np.sum(apart**2, axis=1), self.mesh.n_cells)
                 found += POINCARE * self.sizes**2 / self.shear * within
         return found

@@ -105,16 +105,6 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
         assert np.abs(ours.K @ N).max() < 1e-12 * np.abs(ours.K).max()
 
 
-@pytest.mark.parametrize("form", ["npz", "mtx", "cbf"])
-def test_cones_of_three_components_are_read_back(tmp_path, form):
-    program, rng = solve("in space"), np.random.default_rng(1)
-    back = vx.read_program(vx.write_program(program, tmp_path / f"a.{form}"))
-    assert not isinstance(back, vx.SolvedProgram)
-    d, lam, p = rng.normal(size=9), program.project(rng.normal(size=(3, 2))), rng.uniform(size=2)
-    d = program.feasible(d)
-    assert back.certify(d, lam, p).gap == pytest.approx(program.certify(d, lam, p).gap, rel=1e-12)
-
-
 def test_the_description_beside_a_file_has_origin_size_and_optimum(tmp_path):
     program = solve("friction")
     vx.write_program(program, tmp_path / "a.npz")

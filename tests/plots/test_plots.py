@@ -10,7 +10,7 @@ from pages import assert_drawn_within_the_page
 from scenes import cyclic, mostly_long, mostly_slow, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.base.canvas import blend_colours, new_figure
+from vemcvx.base.canvas import new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,
@@ -24,7 +24,6 @@ from vemcvx.plots import (
 )
 from vemcvx.plots.contact import contact_line, directions, pressures
 from vemcvx.plots.pictures import draw_pictures
-from vemcvx.plots.style import OPEN_AREA, SIGNED, SLIP_AREA, STICK_AREA
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
@@ -366,17 +365,3 @@ def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw,
         assert np.linalg.norm(outline - drawn[node], axis=1).min() < 1e-12
     if gap > 0:
         assert not draw(history, step=0, magnify=10.0).axes[0].patches
-
-
-def lightness(colour):
-    """Return the grey value of a colour in print, from 0 (black) to 1 (white)."""
-    return float(np.dot([0.299, 0.587, 0.114], matplotlib.colors.to_rgb(colour)))
-
-
-def test_grey_print_distinguishes_signs_of_stress_and_stick_from_slip(history):
-    shades = [lightness(colour) for colour in blend_colours(SIGNED)(np.linspace(0.0, 1.0, 21))[:, :3]]
-    assert np.diff(shades).max() < -0.01
-    assert np.diff(sorted(map(lightness, (STICK_AREA, SLIP_AREA, OPEN_AREA)))).min() > 0.1
-    hatched = {colour_of(patch): bool(patch.get_hatch()) for patch in friction_traction(history, 3).axes[0].patches}
-    assert hatched == {STICK: False, SLIP: True}
-    assert len({line.get_marker() for line in along_contact(history, "wear", [3, 6, 12, 24]).axes[0].lines}) == 4

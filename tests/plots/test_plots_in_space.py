@@ -76,11 +76,6 @@ def test_the_contact_face_shows_pressure_friction_and_wear(history, show):
     assert contact_face(history, 2, show=show).axes[0].collections[0].get_clim() == drawn.get_clim()
 
 
-def test_the_title_names_slip_since_the_last_stored_step():
-    sparse = vx.simulate(block.scene(), vx.meshes.cubes(2), block.times(4), store=4)
-    assert "slip since the last stored step at most" in contact_face(sparse).axes[0].get_title()
-
-
 @pytest.mark.long
 def test_an_inclined_face_is_drawn_along_its_normal():
     """Lengths of slip and the area 2^(1/2) are kept."""

@@ -9,10 +9,8 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.plots import (
-    along_contact,
     deformed_mesh,
     friction_traction,
-    stick_slip_map,
     stressed_body,
 )
 from vemcvx.plots.pictures import draw_pictures
@@ -48,12 +46,6 @@ def stuck():
     return vx.simulate(vx.Scene(BODY, vx.Clamp(on="right"), pull, *sides), vx.meshes.squares(6), [0.0, 0.5, 1.0])
 
 
-def find_labels(figure):
-    return [
-        text.get_text() for legend in (*figure.legends, figure.axes[0].get_legend()) if legend for text in legend.texts
-    ]
-
-
 def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
     """The bar of stresses ends at their 99 % quantile, and the bar of displacements at the largest displacement."""
     stress = stressed_body(stuck, stress="von_mises").axes[0].collections[0].colorbar
@@ -62,22 +54,10 @@ def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
     assert deformed_mesh(stuck).axes[0].collections[0].colorbar.extend == "neither"
 
 
-def test_the_map_names_open_contact(opened, stuck):
-    assert "open" in find_labels(stick_slip_map(opened))
-    assert "open" not in find_labels(stick_slip_map(stuck))
-
-
 def test_contact_without_friction_has_no_picture_of_friction(opened, stuck):
     assert "friction_traction" not in draw_pictures(opened, None)
     assert "there is no friction" in friction_traction(opened).axes[0].get_title()
     assert "friction_traction" in draw_pictures(stuck, None)
-
-
-def test_slip_of_the_size_of_rounding_is_drawn_as_zero(stuck):
-    noise = 1e-16 * np.abs(stuck.displacement).max() * np.random.default_rng(0).normal(size=stuck.contact.slip.shape)
-    noisy = replace(stuck, contact=replace(stuck.contact, slip=noise))
-    assert "contact_slip" not in draw_pictures(noisy, None)
-    assert all((line.get_ydata() == 0).all() for line in along_contact(noisy, "slip").axes[0].lines)
 
 
 def test_the_title_states_the_force_at_which_arrows_are_cut(closed):

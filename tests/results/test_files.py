@@ -6,7 +6,6 @@ import copy
 import dataclasses
 import json
 import pickle
-import xml.etree.ElementTree as ET
 
 import meshio
 import numpy as np
@@ -79,24 +78,6 @@ def test_a_history_with_constant_data_is_pickled_and_copied_with_its_scene():
     assert [effect.describe() for effect in again.scene] == [effect.describe() for effect in history.scene]
     assert copy.copy(history).scene is history.scene
     assert not np.shares_memory(copy.deepcopy(history).displacement, history.displacement)
-
-
-def test_meshio_reads_the_series_and_its_steps(history, tmp_path):
-    history.write(tmp_path)
-    listed = list(ET.parse(tmp_path / "history.pvd").iter("DataSet"))
-    assert [float(item.get("timestep")) for item in listed] == TIMES.tolist()
-    for row, item in enumerate(listed):
-        step = meshio.read(tmp_path / item.get("file"))
-        assert np.array_equal(step.points[:, :2], history.mesh.points)
-        nodal = step.point_data
-        assert np.array_equal(nodal["displacement"][:, :2], history.displacement[row])
-        assert nodal["displacement"].shape == (history.mesh.n_nodes, 3)
-        away = np.setdiff1d(np.arange(history.mesh.n_nodes), history.contact.nodes)
-        for name in ("slip", "traction", "pressure", "sticking"):
-            wanted = getattr(history.contact, name)[row]
-            found = nodal[name] if wanted.ndim == 1 else nodal[name][:, :2]
-            assert np.array_equal(found[history.contact.nodes], wanted), name
-            assert np.isnan(nodal[name][away]).all() if name == "sticking" else not nodal[name][away].any()
 
 
 def test_cell_fields_are_in_the_order_of_the_cells(history, tmp_path):

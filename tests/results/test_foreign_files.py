@@ -59,15 +59,6 @@ def test_a_killed_process_releases_its_folder(tmp_path, sent):
         Folder(tmp_path).close()
 
 
-def test_a_file_system_without_locks_is_logged(tmp_path, monkeypatch, caplog):
-    def no_locks(*_):
-        raise OSError(37, "No locks available")
-
-    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", no_locks)
-    run(tmp_path)
-    assert "cannot be locked ([Errno 37] No locks available)" in caplog.text
-
-
 def invoke(*arguments):
     words = "run", "feng_han_huang", "--n", "3", "--steps", "3", *map(str, arguments)
     return CliRunner().invoke(app, words)

@@ -47,24 +47,6 @@ def test_a_list_cannot_claim_files_outside_its_folder(tmp_path, name):
     assert kept.items() <= contents(tmp_path).items()
 
 
-@pytest.mark.parametrize("kind", ["link", "hanging link", "folder", "text", *["fifo"] * hasattr(os, "mkfifo")])
-def test_a_list_that_is_not_our_regular_file_is_refused(tmp_path, kind):
-    folder, other = tmp_path / "run", tmp_path / "other"
-    folder.mkdir()
-    other.write_text("vemcvx files 1\n")
-    place = folder / LIST
-    if kind == "text":
-        place.write_bytes(b"\xff" * 1000)
-    elif "link" in kind:
-        place.symlink_to(other if kind == "link" else tmp_path / "nowhere")
-    else:
-        place.mkdir() if kind == "folder" else os.mkfifo(place)
-    with pytest.raises(vx.HistoryError, match="not made by a run of this version|cannot be used as a folder"):
-        run(stream=folder)
-    assert other.read_text() == "vemcvx files 1\n"
-    assert not (tmp_path / "nowhere").exists()
-
-
 @pytest.mark.parametrize("kind", ["link to a file", "link to a folder", "folder"])
 def test_only_regular_files_are_deleted_or_written_to(tmp_path, kind):
     folder, thesis = tmp_path / "run", tmp_path / "thesis"

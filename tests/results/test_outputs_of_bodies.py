@@ -13,11 +13,6 @@ from vemcvx import plots
 JOINT = "lower|upper"
 
 
-def make_blocks(family="hexagons", above=5):
-    upper = vx.meshes.FAMILIES[family](above, box=((0, 1), (1, 2)))
-    return vx.meshes.bodies({"lower": small(family, 4), "upper": upper})
-
-
 @pytest.fixture(scope="module")
 def history():
     """The upper block is dragged and tilts: contact sticks, slips and opens."""
@@ -29,7 +24,8 @@ def history():
         vx.UnilateralContact(on=JOINT),
         vx.CoulombFriction(0.6, on=JOINT),
     )
-    return vx.simulate(scene, make_blocks(), np.linspace(0, 1, 5))
+    blocks = {"lower": small("hexagons", 4), "upper": vx.meshes.hexagons(5, box=((0, 1), (1, 2)))}
+    return vx.simulate(scene, vx.meshes.bodies(blocks), np.linspace(0, 1, 5))
 
 
 def test_files_have_contact_on_both_sides(history, tmp_path):
@@ -50,10 +46,3 @@ def test_arrows_on_the_two_bodies_cancel(history):
     assert np.abs(forces).max() > 0
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(forces).sum()
     plt.close("all")
-
-
-def test_meshio_keeps_interfaces():
-    mesh = make_blocks("triangles", 4)
-    back = vx.meshes.convert(mesh.to("meshio")).interfaces[JOINT]
-    assert back.bodies == mesh.interfaces[JOINT].bodies
-    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)

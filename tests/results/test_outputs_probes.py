@@ -126,7 +126,3 @@ def test_values_along_a_line_are_those_of_its_cells(field):
         # The value on an edge is the mean of its two cells.
         wanted = np.concatenate([cells[:1], 0.5 * (cells[1:] + cells[:-1]), cells[-1:]])
         assert values[at] == pytest.approx(wanted, abs=1e-14 * np.abs(cells).max())
-
-
-def test_no_points_have_no_values():
-    assert run("squares", 2).probe(np.zeros((0, 2))).shape == (len(TIMES), 0, 2)

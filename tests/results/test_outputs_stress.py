@@ -93,12 +93,6 @@ def test_wood_in_plane_strain_has_its_out_of_plane_stress():
     assert not flat.out_of_plane_stress(-1).any()
 
 
-def test_prestress_has_no_out_of_plane_part():
-    history = run(stretch(np.zeros((2, 2)), STEEL, vx.Prestress(lambda x, t: [4 * t, 0.0, 0.0])))
-    assert not history.out_of_plane_stress(-1).any()
-    assert history.von_mises(-1) == pytest.approx(4.0, rel=ROUNDED)
-
-
 def test_stresses_that_are_not_known_are_refused():
     history = run(stretch(np.eye(2), STEEL))
     unknown = dataclasses.replace(history, out_of_plane=None)

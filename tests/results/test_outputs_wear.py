@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import cyclic, mostly_long, paper_load, paper_scene, small
+from scenes import cyclic, mostly_long, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.scene import pose_scene
@@ -96,24 +96,3 @@ def test_a_slider_on_a_spring_has_its_closed_form():
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)
     assert run.stuck.tolist() == [1, 1, 0, 1, 0]
-
-
-def test_nodes_without_friction_do_not_wear():
-    """With a constant bound of 1, wear is the length of the path of slip."""
-    friction = vx.TrescaFriction(bound=1.0, on="heel")
-    scene = vx.Scene(
-        STEEL,
-        vx.Clamp(on="right"),
-        vx.Traction(paper_load(cyclic), on="left"),
-        vx.BilateralContact(on="bottom"),
-        friction,
-    )
-    mesh = small("squares", 8).with_boundary("heel", lambda x: (x[:, 1] == 0) & (x[:, 0] < 0.5))
-    contact = vx.simulate(scene, mesh, TIMES).contact
-    rubs = contact.points[:, 0] <= 0.5
-    assert np.array_equal(contact.friction_lengths > 0, rubs)
-    assert not contact.wear[:, ~rubs].any()
-    assert contact.lengths.sum() == pytest.approx(1 - 1 / 16, rel=1e-14)
-    assert contact.friction_lengths.sum() == pytest.approx(0.5, rel=1e-14)
-    path = np.abs(np.diff(contact.slip[:, :, 0], axis=0)).sum(axis=0)
-    assert contact.wear[-1, rubs] == pytest.approx(path[rubs], abs=1e-13 * path.max())

@@ -1,4 +1,4 @@
-"""Results in space: files, tables, probes and reactions."""
+"""Results in space: files and probes."""
 
 from __future__ import annotations
 
@@ -7,19 +7,10 @@ import pytest
 from solids import SOLIDS, solid
 
 import block_in_space as block
-import circular_hysteresis as circles
 import vemcvx as vx
 from vemcvx.meshes.io.vtu import TYPES
 from vemcvx.results import places
 from vemcvx.vem.tensors import equivalent
-
-STEEL = vx.Elasticity(circles.YOUNG, circles.POISSON)
-FLOOR = vx.BilateralContact(on="bottom"), vx.TrescaFriction(circles.BOUND, on="bottom")
-
-
-@pytest.fixture(scope="module")
-def history():
-    return vx.simulate(circles.scene(steps=12), circles.mesh(2, family="prisms"), circles.times(12))
 
 
 def test_pyvista_reads_the_series_and_the_package_reads_the_mesh(tmp_path):
@@ -77,10 +68,3 @@ def test_probes_are_exact_for_linear_fields_and_at_nodes(name):
     # On an edge every function is linear.
     found = places(mesh, edges, "test").at_nodes(rough)
     assert np.abs(found - (0.3 * rough[:, first] + 0.7 * rough[:, second])).max() < 1e-13
-
-
-def test_probes_have_the_exact_displacement(history):
-    x = np.array([[0.5, 0.6, 0.45], [0.2, 0.1, 0.0]])
-    accuracy = 1e-7 * circles.RADIUS
-    assert np.abs(history.probe(x) - circles.exact(x, history.times)).max() < accuracy
-    assert history.probe(x, "stress").shape == (len(history.stored), 2, 6)

@@ -63,9 +63,8 @@ def deformed_mesh(
     Returns
     -------
     matplotlib Figure
-        The colour of a cell is the mean of |u| at its vertices. The dashed line is the undeformed outline. Arrows of
-        friction and marks of contact are as in `stressed_body` with ``forces="friction"``. Magnification, scales of
-        colours and arrows, and the visible part of the plane are the same at all steps.
+        The colour of a cell is the mean of |u| at its vertices. Arrows of friction and marks of contact are as in
+        `stressed_body` with ``forces="friction"``. All scales are the same at all steps.
 
     Raises
     ------
@@ -138,10 +137,9 @@ def stressed_body(
     Returns
     -------
     matplotlib Figure
-        The title gives the magnification of displacements and the largest force per length on the body. Arrows are
-        cut at 1.5 times the 90 % quantile of forces, with a note in the title. Closed contact is bold, or hatched where
-        magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of the colour bar
-        stands for stresses beyond the bar; at most 1 % of the cells have such stresses.
+        Arrows are cut at 1.5 times the 90 % quantile of forces, with a note in the title. Closed contact is bold, or
+        hatched where magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of
+        the colour bar stands for stresses beyond the bar; at most 1 % of the cells have such stresses.
 
     Raises
     ------

@@ -187,8 +187,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     Returns
     -------
     matplotlib Figure
-        The horizontal axis is the position along contact, the vertical axis time. The band of a step begins at the
-        previous stored instant, and shows the state at the end of the step. The title counts the steps not stored.
+        The band of a step begins at the previous stored instant, and shows the state at the end of the step.
 
     Raises
     ------

@@ -1,10 +1,4 @@
-"""Energies and forces over a run, and all pictures of a history as files or as frames of a film.
-
-Backward Euler loses more energy than friction and dashpots dissipate. With displacement increments du of steps, gaps z
-before them, pressures p after them, and the bilinear form a of the elastic energy, the excess on rigid obstacles is
-
-    work - change of energy - dissipated = sum over steps of (1/2 a(du, du) + p . z) >= 0.
-"""
+"""Energies and forces over a run, and all pictures of a history as files or as frames of a film."""
 
 from __future__ import annotations
 
@@ -119,8 +113,7 @@ def hysteresis_loop(
     Returns
     -------
     matplotlib Figure
-        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force. The force
-        is the reaction of a support, or else the force of contact or the total of a load.
+        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force.
 
     Raises
     ------
@@ -312,13 +305,12 @@ def animate(
         ``.gif`` or ``.mp4`` (if ffmpeg is installed). An existing file is replaced.
     seconds : float
         Approximate duration of the film.
-    magnify, units
-        As for `deformed_mesh` or `deformed_body`.
+    magnify, units : as for `deformed_mesh`
 
     Returns
     -------
     Path
-        The file. All frames have the view and the scales of `deformed_mesh` (in space, `deformed_body`).
+        The file.
 
     Raises
     ------

@@ -53,8 +53,8 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
     """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
 
-    The coarsest mesh comes first; `sizes` are the cell sizes h at the places of the values. The last value is larger if
-    it rose faster than h^-.05 since the finest mesh whose h is at least 1.5 times the last h.
+    The coarsest mesh comes first; `sizes` are the cell sizes h. The last value is larger if it rose faster than h^-.05
+    since the finest mesh whose h is at least 1.5 times the last h.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -74,8 +74,7 @@ class Quantity:
     value : float
         Accurate to second order in the time step; to first order if slip changes direction in space, or with dashpots.
     steps, mesh : float
-        The estimated errors of the value due to time steps and mesh. `mesh` is NaN if a cell in space is not
-        star-shaped about its centroid, because such a mesh cannot be refined.
+        The estimated errors of the value due to time steps and mesh; `mesh` is NaN if the mesh cannot be refined.
     unit : str
         In words, such as "energy".
     unbounded : str

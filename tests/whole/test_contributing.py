@@ -11,6 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scenes import long_cases
 from test_structure import PACKAGES
 from texts import CONTRIBUTING, blocks, files, page
 
@@ -98,29 +99,22 @@ def test_a_bed_of_springs_is_normal_compliance():
     assert np.array_equal(own.displacement, ours.displacement)
 
 
-def cases_of(code, **modules):
-    """Return name -> case of the suite in the code of a test file, which may import `modules` (name -> source)."""
+def make_suite(code, is_long, **modules):
+    """Return the suite in the code of a test file, which may import `modules` (name -> source); mark long cases."""
     known = {"np": np, "vx": vx}
     with pytest.MonkeyPatch.context() as patch:
         for name, source in modules.items():
             patch.setitem(sys.modules, name, ModuleType(name))
             exec(source, vars(sys.modules[name]))
         exec(code, known)
-    (test,) = (thing for key, thing in known.items() if key.startswith("test_"))
-    (mark,) = (mark for mark in test.pytestmark if mark.name == "parametrize")
-    return {case.id: case.values[0] for case in mark.args[1]}
+    (suite,) = (thing for key, thing in known.items() if key.startswith("test_"))
+    return long_cases(suite, is_long)
 
 
-EFFECT = cases_of(SAMPLE)
 EXPENSIVE = "changes_the_answer_by_each_of_its_settings", "does_not_depend_on_its_place_in_the_scene"
-
-
-@pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=pytest.mark.long if case.endswith(EXPENSIVE) else ()) for case in EFFECT]
-)
-def test_an_effect_of_forty_lines_passes_the_suite_first_time(case):
-    EFFECT[case]()
+test_an_effect_of_forty_lines_passes_the_suite_first_time = pytest.mark.filterwarnings(
+    "ignore:.*nothing holds the body in the normal direction"
+)(make_suite(SAMPLE, lambda name: name.endswith(EXPENSIVE)))
 
 
 def test_a_family_of_meshes_in_one_file_and_one_line_passes_the_patch_test(made, monkeypatch):
@@ -143,25 +137,15 @@ def test_the_solver_of_the_recipe_has_25_lines_and_no_base_class():
     assert definition.startswith("class Fista:")
 
 
-SUITE = cases_of(LINES["mine.py"], mine=FILES["mine.py"])
-ENDLESS = "answers_if_the_gap_is_below_rounding"
-"""The property for which the recipe's solver needs all of its iterations."""
+def is_long_for_a_solver(name):
+    is_quick = ": plain matrices: " in name or name.count(":") == 1
+    slow = "within_both_certificates", "gives_the_same_answer_twice", "answers_if_the_gap_is_below_rounding"
+    return not is_quick or name.endswith(slow)
 
 
-def mark_by_time(key):
-    """Return a case of the suite, marked by its run time."""
-    if key.endswith(ENDLESS):
-        return pytest.param(key, marks=pytest.mark.slow)
-    is_quick = ": plain matrices: " in key or key.count(":") == 1
-    is_long = not is_quick or key.endswith(("within_both_certificates", "gives_the_same_answer_twice"))
-    return pytest.param(key, marks=pytest.mark.long) if is_long else key
-
-
-@pytest.mark.parametrize("case", [mark_by_time(key) for key in SUITE])
-def test_a_solver_of_25_lines_passes_the_suite_first_time(case):
-    SUITE[case]()
-
-
+test_a_solver_of_25_lines_passes_the_suite_first_time = make_suite(
+    LINES["mine.py"], is_long_for_a_solver, mine=FILES["mine.py"]
+)
 DENSE = {"__name__": "dense"}
 exec(files(SOLVER_PAGE)["dense.py"], DENSE)
 test_a_linear_solver_of_25_lines_passes_its_suite = pytest.mark.long(linear_suite(DENSE["Dense"]()))

@@ -144,21 +144,6 @@ def test_imports_of_modules_are_not_circular():
     assert_no_circle(imports())
 
 
-def test_imports_of_folders_are_not_circular():
-    """A folder inside a package, such as `meshes/io`, counts as a folder, and so does a top module."""
-
-    def folder(name):
-        return name if modules()[name].name == "__init__.py" else name.rpartition(".")[0] or name
-
-    below = {}
-    for name, others in imports().items():
-        for other in others:
-            one, two = folder(name), folder(other)
-            if one != two and not one.startswith(f"{two}.") and not two.startswith(f"{one}."):
-                below.setdefault(one, set()).add(two)
-    assert_no_circle(below)
-
-
 def test_heavy_packages_are_imported_in_few_files():
     for path in modules().values():
         for package in {other.split(".")[0] for other in list_imports(path, checking=False)} & set(HEAVY):

@@ -15,7 +15,7 @@ $$
 $$
 
 The block is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
-`softening`, and `vemcvx show` compares k with the stiffness of the block.
+`softening`, and a warning is issued if k is too large for the stiffness of the block.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
 

@@ -335,7 +335,7 @@ def in_words(history: Results) -> Outline:
     median, above = int(np.median(run.iterations[1:])) if history.steps else 0, run.above_asked
     certified = f"{run.certified.max():.1e} relative energy error per step, rounding included; "
     certified += f"{run.certified_total.max():.1e} accumulated{above and f'; {above}'}"
-    cost = f"median {median} per step, at most {run.iterations.max()}; {run.safeguards.sum()} safeguards"
+    cost = f"median {median} per step, at most {run.iterations.max()}"
     quoted = f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g}"
     when = "in the last step" if at_end else f"at t = {history.times[row]:.6g}, at the largest energy"
     most = "" if at_end else f" (at most {history.energy[row]:.6g}, at t = {history.times[row]:.6g})"

@@ -104,20 +104,3 @@ def test_contradicting_limits_are_named_or_met_within_the_contradiction(D, lam, 
     with pytest.raises(vx.SceneError, match=message) if amount > 1e-9 else suppress(vx.SceneError):
         found = vx.march(system, [0.0, 1.0], solver=solver, initial="settled")
         assert np.abs(found.state @ limits.D.T - limits.e).max() <= 2e-9
-
-
-@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-@mostly_long("far, compliance", [(1e8, 0.0), (np.inf, 0.1)], 0)
-def test_a_limit_far_away_changes_nothing(solver, far, compliance):
-    rng = np.random.default_rng(0)
-    A, f, eye = rng.normal(size=(4, 4)), 5 * rng.normal(size=4), np.eye(4)
-
-    def run(rows, e, solver):
-        terms = {"norms": vx.Norms(eye[:2], 0.3), "limits": vx.Limits(rows, e, compliance)}
-        return vx.march(vx.System(A @ A.T + eye, lambda t: t * f, **terms), [0.0, 0.5, 1.0], solver=solver)
-
-    one, two = run(eye[2:3], [0.05], vx.Newton()), run(eye[2:], [0.05, far], solver)
-    assert np.abs(one.state - two.state).max() < 1e-6
-    assert one.pressures[-1, 0] > 0
-    assert two.pressures[:, 0] == pytest.approx(one.pressures[:, 0], abs=1e-5)
-    assert two.pressures[:, 1].max() < 1e-12

@@ -5,7 +5,7 @@ import pytest
 from scenes import few_families, mostly_long, small
 
 import vemcvx as vx
-from vemcvx.program import Kernel, Operators, StepProgram
+from vemcvx.program import Kernel
 from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -123,31 +123,6 @@ def test_a_refusal_names_the_forces_along_a_diagonal():
     )
     with pytest.raises(vx.SceneError, match=r"a force of 0\.5, and friction.* resists with at most 0\.3: 0\.2 is"):
         vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], initial="settled")
-
-
-def make_floating_program(rows, limits, push, w):
-    """Return a program without stiffness. The unknowns are motions c of a body; friction is sum_i w_i |rows[i] c|."""
-    m, block, modes = rows.shape
-    operators = Operators(np.zeros((modes, modes)), rows.reshape(-1, modes), block, D=limits, kernel=np.eye(modes))
-    return StepProgram(operators, push, w, np.zeros(m * block), np.zeros(len(limits)))
-
-
-@mostly_long("block, modes", [(1, 3), (2, 6), (1, 6), (2, 3)], 0, 1)
-def test_unbalanced_motions_are_found_just_beyond_the_strongest_load(block, modes):
-    """In a motion c, term i slips by G_i c (`rows`) against the friction w_i G_i c / |G_i c|. Two limits are closed."""
-    rng = np.random.default_rng(block + 10 * modes)
-    beyond = 1e-8 if block == 1 else 1e-7
-    for _ in range(10):
-        rows, w, c = rng.normal(size=(12, block, modes)), rng.uniform(0.1, 1.0, 12), rng.normal(size=modes)
-        limits = rng.normal(size=(4, modes))
-        limits[:2] -= np.outer(limits[:2] @ c, c) / (c @ c)
-        limits[2:] *= -np.sign(limits[2:] @ c)[:, None]
-        slip = rows @ c
-        strongest = np.einsum("ijk,ij->k", rows, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
-        push = strongest + limits[:2].T @ rng.uniform(0, 1, 2)
-        assert make_floating_program(rows, limits, (1 - beyond) * push, w).find_unbalanced_motion() is None
-        motion = make_floating_program(rows, limits, push + beyond * strongest, w).find_unbalanced_motion()
-        assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(rows @ motion, axis=1)
 
 
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")

@@ -181,16 +181,6 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
             assert error <= (certificate.error + certificate.error_floor) * (1 + 1e-9) + ignored
 
 
-def test_the_active_one_of_two_parallel_bounds_has_the_force():
-    """Minimise d^2/2 - 2 d with d <= 1 and d <= 3: the first bound has the force 1."""
-    operators = Operators(np.eye(1), sp.csr_matrix((0, 1)), D=np.ones((2, 1)))
-    program = StepProgram(operators, np.array([2.0]), np.zeros(0), np.zeros(0), np.array([1.0, 3.0]))
-    _, p = program.multipliers(np.ones(1))
-    # The second bound, at a distance z, gets the fraction level / (level + z) of the force; level = 1e-6 z.
-    assert p == pytest.approx([1.0, 0.0], abs=2e-6)
-    assert program.certify([1.0]).gap <= 2 * 2e-6
-
-
 def test_computed_multipliers_balance_the_load_on_a_kernel():
     """Friction holds two free points: lam sums to the load, and the certificate in the seminorm is finite."""
     K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.full((2, 1), 0.5**0.5)

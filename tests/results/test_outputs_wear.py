@@ -95,4 +95,4 @@ def test_a_slider_on_a_spring_has_its_closed_form():
     load = lambda t: [5 * np.interp(t, [0, 1, 2], [0, 1, -1])]  # noqa: E731
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)
-    assert run.stuck.tolist() == [1, 1, 0, 1, 0]
+    assert run.sticking[:, 0].tolist() == [True, True, False, True, False]

@@ -1,7 +1,5 @@
 """Newton's method with friction discs: slips that are tiny, that rotate, or that vanish."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -40,21 +38,6 @@ SYSTEMS = {
 def make_system(name, n=3, **options):
     pull, given = SYSTEMS[name]
     return pose_block_on_floor(n, pull, **{**given, **options})
-
-
-def test_answers_do_not_depend_on_tangential_frames():
-    """Each frame is rotated by a random angle: displacements and forces, as vectors, do not change."""
-    system = make_system("one-sided, rotating")
-    norms = system.norms
-    angles = np.random.default_rng(0).uniform(0, 2 * np.pi, norms.count)
-    c, s = np.cos(angles), np.sin(angles)
-    rotations = np.stack([[c, s], [-s, c]]).transpose(2, 0, 1)
-    rotated_norms = vx.Norms(sp.block_diag(rotations, format="csr") @ norms.B, norms.weights, block=2)
-    plain, rotated = (vx.march(one, TIMES) for one in (system, replace(system, norms=rotated_norms)))
-    assert np.abs(rotated.state - plain.state).max() <= 1e-10 * np.abs(plain.state).max()
-    forces = np.einsum("mji,tmj->tmi", rotations, rotated.multipliers)
-    assert np.abs(forces - plain.multipliers).max() <= 1e-9 * np.abs(plain.multipliers).max()
-    assert np.array_equal(rotated.sticking, plain.sticking)
 
 
 KINDS = ("plain", "stiff", "weights", "none", "limits", "all", "rows", "edge", "stiff edge")

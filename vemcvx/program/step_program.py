@@ -253,10 +253,9 @@ class StepProgram(ArrayRecord):
         d : (n,) array
             Increments. If they violate a bound, the gap is infinite; :meth:`StepProgram.feasible` moves them back.
         lam : (m, block) or (m * block,) array, optional
-            Multipliers of the norm terms, K d = g - B'lam - D'p. They are made admissible
-            (:meth:`StepProgram.admissible`), or computed from d (:meth:`StepProgram.multipliers`).
+            Multipliers of the norm terms, K d = g - B'lam - D'p. They are made admissible, or computed from d.
         p : (r,) array, optional
-            Multipliers of the limits, made admissible or computed like `lam`.
+            Multipliers of the limits, made admissible or computed from d.
 
         Returns
         -------
@@ -396,22 +395,20 @@ class StepProgram(ArrayRecord):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Answer(ArrayRecord):
-    """A solver's answer to one step, not yet certified.
+    """A solver's answer to one step, not yet certified; the caller makes it admissible.
 
     Parameters
     ----------
     d : (n,) array
-        Increments. If they violate a bound, the caller moves them onto it.
+        Increments.
     lam : (m, block) array
-        Multipliers of the norm terms, K d = g - B'lam - D'p. The caller projects them onto |lam_i| <= w_i.
+        Multipliers of the norm terms, K d = g - B'lam - D'p.
     iterations : int
         Number of iterations, as the solver counts them.
     status : str
         The solver's status, for messages.
-    safeguards : int
-        Number of calls of a globally convergent method that replaced a faster one.
     p : (r,) array
-        Multipliers of the limits. The caller replaces negative multipliers by zero.
+        Multipliers of the limits.
 
     Examples
     --------
@@ -423,7 +420,6 @@ class Answer(ArrayRecord):
     lam: Floats
     iterations: int
     status: str = ""
-    safeguards: int = 0
     p: Floats = field(default_factory=lambda: np.zeros(0))
 
 
@@ -457,10 +453,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SolvedProgram(StepProgram):
-    """The program of one step of a run, with its answer, in the units of the scene.
-
-    If weights depend on pressures (Coulomb), `w` are the weights at the answer. Signs and methods are as in
-    :class:`vemcvx.program.step_program.StepProgram`.
+    """The :class:`StepProgram` of one step of a run, with its answer; `w` are the weights at the answer.
 
     Parameters
     ----------

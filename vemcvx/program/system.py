@@ -186,7 +186,7 @@ class Limits(Rows):
     ----------
     D : (r, n) array or sparse matrix
     e : (r,) array, or callable t -> (r,)
-        The limits; +inf in an array removes limit j.
+        The limits.
     compliance : number or (r,) array
         Displacement per force, >= 0; velocity per force where `rates` is True.
     places : callable j -> str, optional
@@ -214,15 +214,8 @@ class Limits(Rows):
         function(self.places, "Limits: found places", "a function of j that returns the place of limit j in words")
         object.__setattr__(self, "compliance", self.read_numbers(self.compliance, "compliance", "compliance"))
         object.__setattr__(self, "rates", self.read_numbers(self.rates, "rates") > 0)
-        if callable(self.e):
-            return
-        e = as_real_array(self.e, "Limits: e", "numbers")
-        none = (e == np.inf) & (e.ndim == 1)
-        object.__setattr__(self, "e", self.read_numbers(np.where(none, 1.0, e), "e", signed=True))
-        if none.any():
-            object.__setattr__(
-                self, "D", as_read_only_rows(sp.diags_array(np.where(none, 0.0, 1.0)) @ self.D, "Limits: D")
-            )
+        if not callable(self.e):
+            object.__setattr__(self, "e", self.read_numbers(self.e, "e", signed=True))
 
     @property
     def count(self) -> int:

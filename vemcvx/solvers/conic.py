@@ -1,8 +1,7 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
 `TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
-5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5. All solvers get
-absolute values as inequalities -t <= s <= t, because cones |s| <= t lose digits on slipping terms.
+5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ class Setting:
 
 
 TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
-"""Tolerance of solvers with one tolerance for both gap and residuals; its meaning differs between solvers."""
+"""Tolerance of solvers with one tolerance for both gap and residuals."""
 SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
 """The same as TIGHT, but at least 1e-13, for solvers that break down at smaller tolerances."""
 RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
@@ -133,7 +132,6 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
 
 COMPILING = threading.Lock()
 """Lock around cvxpy's compiler, which numbers expressions by a global counter without a lock."""
-
 LINEAR = FEATURES - {SECOND_ORDER_CONES}
 """Features of quadratic programs with linear constraints."""
 

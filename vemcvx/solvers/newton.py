@@ -361,7 +361,7 @@ class PreparedNewton:
         self.system = None if near else system
         status = "converged" if error <= STALL_TOLERANCE else f"sets did not settle in {search.count} systems"
         d, lam, p = apply_law_to_answer(delassus, program, point, system, law)
-        return Answer(d, lam, max(search.count, 1), status, safeguards=search.safeguards, p=p)
+        return Answer(d, lam, max(search.count, 1), status, p=p)
 
 
 def apply_law_to_answer(

@@ -1,8 +1,4 @@
-"""The base class of solvers: settings, and `prepare`, which returns the object that solves the steps of a run.
-
-A solver receives scaled programs (:class:`ScaledSolver`), unless it solves programs in `any_units`. Programs contain no
-mesh and no physics. The caller certifies every answer.
-"""
+"""The base class of solvers: settings, and `prepare`, which returns the object that solves the steps of a run."""
 
 from __future__ import annotations
 
@@ -22,21 +18,16 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of the requested accuracy or gap that one of several errors may take: in second attempts at a step, in
-fixed-point iterations under a law, for interior unknowns of stored steps, and for Clarabel, whose gap has another
-definition."""
+"""Fraction of the requested accuracy or gap that one of several errors may take."""
 TARGET_FRACTION = 0.01
-"""Negligible fraction of the requested gap. We use it for tolerances on residuals, because the gap contains their
-squares, and for tolerances whose meaning differs between solvers."""
+"""Negligible fraction of the requested gap."""
 
 
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step.
-
-        If the target cannot be reached, return the best answer, and explain in its `status` why; do not raise an error.
+        """Solve one scaled step; if the target cannot be reached, return the best answer, and explain in `status` why.
 
         Parameters
         ----------
@@ -57,8 +48,7 @@ class Prepared(Protocol):
 class Solver(ABC):
     """The settings of a solver; `prepare` returns an object that solves the programs of one run.
 
-    A subclass defines the method `prepare`, and `accepts` as a class attribute or a property. The subclass can redefine
-    `accuracy`. If the subclass is a dataclass, its instances check `accuracy` when they are made.
+    A subclass defines the method `prepare`, and `accepts` as a class attribute or a property.
 
     Attributes
     ----------

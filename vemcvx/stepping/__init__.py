@@ -12,9 +12,8 @@ from vemcvx.stepping.backward_euler import (
     step,
 )
 from vemcvx.stepping.programs import programs_of_march, programs_of_trajectory
-from vemcvx.stepping.refusals import softening_ratio
 from vemcvx.stepping.state import Ledger, PreparedRun, StepData, certify_in_full, make_given_state
-from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory, choose_stored_steps, relative
+from vemcvx.stepping.trajectory import CHECKPOINT, Folder, Memory, Storage, Trajectory
 
 __all__ = [
     "CHECKPOINT",
@@ -30,15 +29,12 @@ __all__ = [
     "Trajectory",
     "certify_in_full",
     "check_times",
-    "choose_stored_steps",
     "initial_state",
     "make_given_state",
     "march",
     "prepare",
     "programs_of_march",
     "programs_of_trajectory",
-    "relative",
     "settle_from",
-    "softening_ratio",
     "step",
 ]

@@ -174,7 +174,6 @@ class PosedStep:
             scale=before.scale,
             iterations=answer.iterations,
             status=answer.status,
-            safeguards=answer.safeguards,
             full=y if run.condensation.whole else None,
             velocity=d / k if run.system.damping is not None and k > 0 else None,
             earlier=(before.t, before.lam, before.p),

@@ -84,7 +84,7 @@ def _make_solved_program(run: PreparedRun, before: State, after: State, n: int) 
     posed = pose_step(run, before, after.data, after.weights[:m])
     # The difference of two states may violate a bound by rounding.
     d = posed.program.feasible(after.y - before.y)
-    answer = Answer(d, after.lam[:m], after.iterations, after.status, after.safeguards, p=after.p)
+    answer = Answer(d, after.lam[:m], after.iterations, after.status, p=after.p)
     slope = None if norms is None else norms.slope_by_forces(after.t, after.p, before.ledger.slipped[:m])
     operators, data = posed.program.operators, posed.program.data
     return SolvedProgram(operators, *data, answer=answer, step=n, t=after.t, slope=slope)

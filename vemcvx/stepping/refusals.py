@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from vemcvx.base.arrays import EPS, SAME, Floats, lengths
+from vemcvx.base.arrays import EPS, SAME, lengths
 from vemcvx.base.errors import NotCertified, SceneError, SceneWarning
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators
@@ -152,33 +152,22 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
     )
 
 
-def softening_ratio(operators: Operators, softening: Floats | None) -> tuple[float, int] | None:
-    """Return rho, the ratio of softening to stiffness, and the term that contributes most; None if rho is unknown.
-
-    Weights fall by at most k_i = `softening` (m,) per slip. rho is the largest eigenvalue of
-    k^{1/2} B K^{-1} B' k^{1/2}. If rho < 1, a step has one solution. With iterative linear solvers rho is not computed,
-    because B K^{-1} B' would take one solve per row.
-    """
-    if softening is None or (softening.any() and not operators.factor.exact):
-        return None
-    falls, block = np.flatnonzero(softening), operators.block
-    if len(falls) == 0:
-        return 0.0, 0
-    if operators.kernel is not None:
-        return np.inf, int(np.argmax(softening))
-    rows = (falls[:, None] * block + np.arange(block)).ravel()
-    root = np.repeat(np.sqrt(softening[falls]), block)
-    B = operators.B[rows].toarray()
-    M = root[:, None] * (B @ operators.factor.solve(np.ascontiguousarray(B.T))) * root
-    value, vector = eigh(0.5 * (M + M.T), subset_by_index=[len(M) - 1, len(M) - 1])
-    return float(value[0]), int(falls[np.argmax(np.abs(vector[:, 0])) // block])
-
-
 def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> None:
-    """Warn if weights may fall so fast with slip that the shortest step of the run may have several solutions."""
-    softening = norms.softening
-    per_slip = None if softening is None else softening / (shortest if norms.reads_rates else 1.0)
-    rho, worst = softening_ratio(operators, per_slip) or (0.0, 0)
+    """Warn if weights may fall so fast with slip that the shortest step of the run may have several solutions.
+
+    Weights fall by at most k_i per slip. Let rho be the largest eigenvalue of k^{1/2} B K^{-1} B' k^{1/2}. If rho < 1,
+    a step has one solution. With iterative linear solvers rho would take one solve per row: there is no warning.
+    """
+    softening, block = norms.softening, operators.block
+    if softening is None or not softening.any() or not operators.factor.exact:
+        return
+    rho, worst = np.inf, int(np.argmax(softening))
+    if operators.kernel is None:
+        root = np.repeat(np.sqrt(softening / (shortest if norms.reads_rates else 1.0)), block)
+        rows = root[:, None] * operators.B.toarray()
+        M = rows @ operators.factor.solve(np.ascontiguousarray(rows.T))
+        value, vector = eigh(0.5 * (M + M.T), subset_by_index=[len(M) - 1, len(M) - 1])
+        rho, worst = float(value[0]), int(np.argmax(np.abs(vector[:, 0]))) // block
     if rho >= STABLE_RATIO:
         warnings.warn(
             f"friction: weights may fall faster with slip than the elastic forces, most at {norms.name(worst)} "

@@ -191,7 +191,6 @@ class State:
     size: float = 0.0  # largest energy norm that the data could cause
     iterations: int = 0
     status: str = ""  # status of the solver
-    safeguards: int = 0  # number of calls of a globally convergent method
     full: Floats | None = None  # (n,) all unknowns, after they are recovered and certified
     velocity: Floats | None = None  # (n,) increments divided by the length of the step, in runs with damping
     earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p at the beginning of the step

@@ -110,19 +110,16 @@ class Trajectory(ArrayRecord):
     sticking : (S, m) array of bool
         True if the certificate cannot distinguish the slip of the step from zero; True for the initial state.
     worn : (S, m) array
-        Work of each norm term: the sum of lam_i . s_i over all steps so far, stored or not. Without damping the sum of
-        a row is `dissipated`. In all arrays, dragged terms (:class:`vemcvx.program.system.DraggedTerms`) are last.
+        Work of each norm term: the sum of lam_i . s_i over all steps so far. Dragged terms are last in all arrays
+        (:class:`vemcvx.program.system.DraggedTerms`).
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
-    stuck : (N + 1,) array of int
-        Number of sticking norm terms.
     energy : (N + 1,) array
         Stored energy: 1/2 a(u, u), and c p^2 / 2 of each soft limit.
     dissipated : (N + 1,) array
-        Dissipated energy so far: the sum of lam_i . s_i (at a solution w_i |s_i|) and of losses by damping.
+        Dissipated energy so far: the sum of lam_i . s_i and of losses by damping.
     dissipated_second_order : (N + 1,) array
-        Dissipated energy by the trapezoidal rule, of second order in the length of steps; `dissipated` is of first
-        order (:mod:`vemcvx.stepping.state`).
+        Dissipated energy by the trapezoidal rule, of second order in the length of steps.
     worn_second_order : (S, m) array
         Work of each norm term by the trapezoidal rule.
     work : (N + 1,) array
@@ -135,15 +132,13 @@ class Trajectory(ArrayRecord):
         Energy by which rounding may change `gap`.
     iterations : (N + 1,) array of int
         Iterations of the solver.
-    safeguards : (N + 1,) array of int
-        Number of calls of a globally convergent method that replaced a faster one.
     given_friction : (N + 1,) array of bool
         True if weights depend on pressures or may fall with slip: certificates then hold for weights at the answer.
     unit : (N + 1,) array
         Reference norm of relative errors: the largest energy norm so far, or a norm of the data while all states are
-        zero at the requested accuracy (:mod:`vemcvx.stepping.backward_euler`).
+        zero at the requested accuracy.
     seconds : dict
-        Time of "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
+        Time of "prepare" and "solve" (all steps).
     solver : str
         Name and settings of the solver.
     linear : str
@@ -175,7 +170,6 @@ class Trajectory(ArrayRecord):
     worn: Annotated[Floats, "S terms", "energy"]
     worn_second_order: Annotated[Floats, "S terms", "energy"]
     slipped: Annotated[Floats, "S terms", "length"]
-    stuck: Annotated[Ints, "N", ""]
     energy: Annotated[Floats, "N", "energy"]
     dissipated: Annotated[Floats, "N", "energy"]
     dissipated_second_order: Annotated[Floats, "N", "energy"]
@@ -184,7 +178,6 @@ class Trajectory(ArrayRecord):
     gap: Annotated[Floats, "N", "energy"]
     floor: Annotated[Floats, "N", "energy"]
     iterations: Annotated[Ints, "N", ""]
-    safeguards: Annotated[Ints, "N", ""]
     given_friction: Annotated[Bools, "N", ""]
     seconds: dict[str, float]
     solver: str
@@ -371,8 +364,6 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
         "gap": certificate.gap,
         "floor": certificate.floor,
         "iterations": state.iterations,
-        "safeguards": state.safeguards,
-        "stuck": int(np.count_nonzero(state.sticks)),
         "given_friction": certificate.given_friction,
         "unit": state.unit(accuracy),
     }

@@ -24,13 +24,7 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.cost import Cost
 from vemcvx.cli.problem_file import Posed, read_problem
-from vemcvx.cost.sweeping import (
-    Point,
-    build_reference,
-    common_instants,
-    measure_point,
-    run_to_row,
-)
+from vemcvx.cost.sweeping import Point, build_reference, common_instants, measure_point, run_to_row
 from vemcvx.cost.table import advice, front, growing_extremes, picture, table
 from vemcvx.cost.workers import Crashed, call_in_process
 from vemcvx.estimate.measures import energy_distance

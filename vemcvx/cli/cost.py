@@ -27,7 +27,6 @@ from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 DEFAULT_FAMILIES = ("squares", "triangles", "voronoi")
 DEFAULT_N, DEFAULT_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 DEFAULT_SPACE_FAMILIES, SPACE_N, SPACE_TARGETS = ("cubes", "tetrahedra"), "3,6,12", "0.2,0.1"
-LEVELS = 0.05, 0.02, 0.01  # Errors of the advice without targets.
 OTHER_SOLVERS = "clarabel", "osqp"
 TABLE, PICTURE, ARCHIVE = "cost.csv", "cost.png", "reference.npz"
 
@@ -72,7 +71,7 @@ class Cost:
                 found = sweep(recipe, points, files.take(ARCHIVE), workers=self.workers, report=show)
             written = _write_files(found, targets, files, f"{problem.name}: what accuracy costs")
         lines = [f"{problem.name}: {problem.title}", *_describe_reference(found), *_describe_rows(found), ""]
-        say("\n".join([*lines, *advice(found.rows, targets or LEVELS), "", written]))
+        say("\n".join([*lines, *advice(found.rows, targets or [0.05]), "", written]))
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
         """Return all combinations, the largest first; by default, other solvers run on some meshes only."""

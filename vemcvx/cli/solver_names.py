@@ -12,17 +12,7 @@ from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError
 from vemcvx.cli.problem_file import execute_file, parse_literal, run_user_code
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
-from vemcvx.solvers import (
-    OSQP,
-    Clarabel,
-    Direct,
-    Newton,
-    Solver,
-    ThroughCvxpy,
-    as_solver,
-    interfaces,
-    list_installed,
-)
+from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver, interfaces, list_installed
 
 LINEAR: dict[str, type[LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso, "iterative": Iterative, "petsc": PETSc}
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}

@@ -90,17 +90,18 @@ class FaceGroup:
         a, b, c = self._at_triangles(self.corners).transpose(2, 0, 1, 3)
         return 0.5 * np.cross(b - a, c - a)
 
-    @property
+    @cached_property
     def vector_shares(self) -> Floats:
         """The vectors b_i (f, n, 3)."""
-        third = self.vectors / 3.0
-        return self._to_vertices(np.repeat(third[:, :, None], 3, axis=2))
+        f, n = self.nodes.shape
+        total = np.zeros((f, n + 1, 3))  # at the vertices and at c
+        np.add.at(total, (np.arange(f)[:, None, None], self.triangles), self.vectors[:, :, None] / 3.0)
+        return total[:, :n] + self.weights[:, :, None] * total[:, n:]
 
     @property
     def shares(self) -> Floats:
         """The weights a_i (f, n)."""
-        third = np.linalg.norm(self.vectors, axis=2)[:, :, None] / 3.0
-        return self._to_vertices(np.repeat(third, 3, axis=2))
+        return np.linalg.norm(self.vector_shares, axis=2)
 
     def quadrature(self) -> tuple[Floats, Floats]:
         """Return points (f, q, 3), and weights times basis functions (f, n, q), exact for degree 5."""
@@ -117,15 +118,6 @@ class FaceGroup:
     def _at_triangles(self, values: Floats) -> Floats:
         """Return values (f, T, 3, ...) at corners of triangles, given values (f, n + 1, ...) at vertices and at c."""
         return values[np.arange(len(values))[:, None, None], self.triangles]
-
-    def _to_vertices(self, values: Floats) -> Floats:
-        """Sum values (f, T, 3, ...) at corners of triangles; return (f, n, ...): (sum at vertex i) + w_i (sum at c)."""
-        f = len(self.triangles)
-        total = np.zeros((f, self.corners.shape[1], *values.shape[3:]))
-        np.add.at(total, (np.arange(f)[:, None, None], self.triangles), values)
-        n = self.nodes.shape[1]
-        weights = self.weights.reshape(*self.weights.shape, *[1] * (values.ndim - 3))
-        return total[:, :n] + weights * total[:, n:]
 
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:

@@ -132,16 +132,6 @@ def test_interfaces_meet_in_crosspoints():
     assert repr(mesh).endswith("boundaries: a.left, a.bottom, b.right, b.bottom, 8 more, boundary)")
 
 
-def test_an_interface_goes_around_a_corner():
-    """Fill the re-entrant corner of an L with a block: one interface consists of two perpendicular segments."""
-    parts = {"block": FAMILIES["voronoi"](5, ((0.5, 1), (0.5, 1)), seed=3), "corner": vx.meshes.l_shape(6)}
-    mesh = bodies(parts, interfaces={"L": ("corner", "block")})
-    assert_matched(mesh)
-    assert mesh.interfaces["L"].bodies == ("corner", "block")
-    assert measure_part(mesh, "L") == pytest.approx(1.0, abs=50 * EPS)
-    assert {"corner.inner_right", "corner.inner_top", "block.left", "block.bottom"}.isdisjoint(mesh.boundaries)
-
-
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
     """Join a hub with n sides and a tyre: their polygons of the unit circle are up to 1 - cos(pi / n) apart."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)

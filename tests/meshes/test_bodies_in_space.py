@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from same_mesh import assert_matched, measure_part
-from scenes import mostly_slow, moved, rotation, small
+from scenes import mostly_slow, moved, rotation
 
 import vemcvx as vx
 from vemcvx.meshes import SPACE_FAMILIES, bodies, cubes
@@ -120,19 +120,6 @@ def test_cylinders_of_equal_sectors_match_and_others_are_refused():
         for tolerance in (None, 1e-3, 0.03):
             with pytest.raises(vx.MeshError, match="[Gg]ive both bodies the same nodes|give a smaller tolerance="):
                 bodies({"pin": pin, "lug": other}, tolerance=tolerance)
-
-
-def test_a_crack_may_be_cut_before_or_after_extrusion():
-    plane = small("voronoi", 5, seed=2)
-    x, y = plane.centroids.T
-    sides = {"above": (x < 0.6) & (y > 0.4), "below": (x < 0.6) & (y < 0.4)}
-    before = plane.cut("crack", sides).extruded([0.0, 0.3, 0.5])
-    then = plane.extruded([0.0, 0.3, 0.5]).cut("crack", {name: np.tile(cells, 2) for name, cells in sides.items()})
-    assert before.n_nodes == then.n_nodes
-    lips = [np.unique(mesh.face_centroids[mesh.boundaries["crack"]].round(12), axis=0) for mesh in (before, then)]
-    np.testing.assert_array_equal(*lips)
-    pairs = [mesh.points[mesh.interfaces["crack"].pairs] for mesh in (before, then)]
-    np.testing.assert_array_equal(*(np.unique(places, axis=0) for places in pairs))
 
 
 def test_invalid_sets_of_bodies_are_refused():

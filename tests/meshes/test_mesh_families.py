@@ -231,9 +231,7 @@ def test_an_l_is_a_box_without_its_upper_right_quarter():
         assert (normals[:, axis] > 0.0).all()
         assert sizes.sum() == pytest.approx(length, rel=1e-14)
     assert set(mesh.boundaries) == {"left", "right", "bottom", "top", "inner_right", "inner_top", "boundary"}
-    assert l_shape(8).n_cells == 48
     assert l_shape(2, ((0, 1), (0, 2))).n_cells == l_shape(size=0.5, box=((0, 1), (0, 2))).n_cells == 6
-    assert len(l_shape(2).refine().refine([0, 5]).boundaries["inner_right"]) == 2
 
 
 @pytest.mark.long

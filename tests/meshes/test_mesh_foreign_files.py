@@ -384,15 +384,6 @@ def test_warnings_about_corrections_begin_with_the_path(tmp_path):
     assert mesh.node_map.tolist() == [0, 1, 2, 3, -1]
 
 
-def test_lines_to_missing_nodes_are_left_out_with_a_warning(tmp_path):
-    lines = ("line", np.array([[0, 1], [3, 77]]))
-    marks = {"boundary:floor": [np.array([0]), np.array([1, 1])]}
-    write(tmp_path / "mesh.vtu", add_height(SQUARE), [("quad", np.array([[0, 1, 2, 3]])), lines], cell_data=marks)
-    with pytest.warns(vx.MeshWarning, match="1 of 2 lines named 'floor' are not on the boundary"):
-        mesh = read(tmp_path / "mesh.vtu")
-    assert mesh.boundaries["floor"].tolist() == [[0, 1]]
-
-
 @pytest.mark.parametrize("options", [{"binary": False}, *({"compression": one} for one in ("zlib", "lzma", None))])
 def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(options, tmp_path):
     mesh = vx.meshes.hexagons(3)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import skfem
 from same_mesh import assert_same, label
-from scenes import rotation, small
+from scenes import rotation
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, convert, read
@@ -257,9 +257,6 @@ def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tm
 
 def test_only_straight_sides_at_extreme_coordinates_are_named():
     """Convert a house, which has no top side, a diamond, and a box whose very short edge belongs to one side only."""
-    with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
-        convert(remove_names(small("voronoi", 3)).to("meshio"))
-    assert caught[0].filename == __file__
     house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
     with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):
         assert set(convert(house).boundaries) == {"left", "right", "bottom", "boundary"}
@@ -271,7 +268,3 @@ def test_only_straight_sides_at_extreme_coordinates_are_named():
     found = convert(corner).boundaries
     assert found["bottom"].tolist() == [[0, 1]]
     assert sorted(found["left"].tolist()) == [[3, 4], [4, 0]]
-    floor = remove_names(vx.meshes.squares(2)).with_boundary("floor", lambda x: x[:, 1] < 1e-9)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert set(convert(floor.to("meshio")).boundaries) == {"floor", "boundary"}

@@ -99,18 +99,15 @@ PLANE = vx.meshes.hanging((2, 3), ((0.0, 2.0), (0.0, 3.0)), seed=1)
 
 def test_cells_are_drawn_at_their_places_in_their_colours():
     pytest.importorskip("matplotlib")
-    mesh = PLANE.with_cell_data("size", PLANE.areas)
-    for options, points in (({}, mesh.points), ({"displacement": np.full(mesh.points.shape, 0.5)}, mesh.points + 0.5)):
-        for path, row in zip(mesh.plot(**options).collections[0].get_paths(), mesh.cells, strict=True):
-            np.testing.assert_array_equal(path.vertices[: len(row)], points[row])
-    assert [text.get_text() for text in mesh.plot().texts] == ["left", "right", "bottom", "top"]
-    for values in ("size", mesh.areas):
-        ax = mesh.plot(values, cmap="plasma", ec="black", lw=2.0)
-        np.testing.assert_array_equal(ax.collections[0].get_array(), mesh.areas)
-        assert ax.collections[0].get_cmap().name == "plasma"
-        assert ax.collections[0].get_linewidth() == [2.0]
-        assert ax.get_aspect() == 1.0
-    assert mesh.plot(ax=ax) is ax
+    for path, row in zip(PLANE.plot().collections[0].get_paths(), PLANE.cells, strict=True):
+        np.testing.assert_array_equal(path.vertices[: len(row)], PLANE.points[row])
+    assert [text.get_text() for text in PLANE.plot().texts] == ["left", "right", "bottom", "top"]
+    ax = PLANE.plot(PLANE.areas, cmap="plasma", ec="black", lw=2.0)
+    np.testing.assert_array_equal(ax.collections[0].get_array(), PLANE.areas)
+    assert ax.collections[0].get_cmap().name == "plasma"
+    assert ax.collections[0].get_linewidth() == [2.0]
+    assert ax.get_aspect() == 1.0
+    assert PLANE.plot(ax=ax) is ax
     assert len(ax.collections) == 2
 
 

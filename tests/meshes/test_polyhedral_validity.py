@@ -122,17 +122,6 @@ def test_faces_that_run_inwards_are_reversed_with_a_warning(reversed_faces):
     assert (mesh.face_normals[1] == (1, 0, 0)).all()
 
 
-def test_unused_nodes_are_dropped_with_a_warning():
-    points = [(9, 9, 9), *CUBE[:4], (5, 5, 5), *CUBE[4:]]
-    number = [1, 2, 3, 4, 6, 7, 8, 9]
-    cells = [[[number[k] for k in face] for face in FACES]]
-    with pytest.warns(vx.MeshWarning, match=r"2 of 10 nodes belong to no cell \(the first is node 0\)"):
-        mesh = PolyhedralMesh(points, cells, boundaries={"base": [[1, 3, 4, 2]]})
-    np.testing.assert_array_equal(mesh.points, CUBE)
-    assert mesh.node_map.tolist() == [-1, 0, 1, 2, 3, -1, 4, 5, 6, 7]
-    assert (mesh.face_normals[mesh.boundaries["base"]] == [(0, 0, -1)]).all()
-
-
 def assert_valid(points, cells, volume):
     """Return the mesh after a check of its volume."""
     mesh = PolyhedralMesh(points, cells)

@@ -206,31 +206,6 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
     return checked
 
 
-def values_to_plot(values: str | ArrayLike, cell_data: Mapping[str, NDArray[Any]], n_cells: int) -> Floats:
-    """Return one number per cell from an array or the name of a cell datum; or raise MeshError."""
-    if isinstance(values, str):
-        if values not in cell_data:
-            raise MeshError(f"there is no cell datum {values!r}; this mesh has {', '.join(cell_data) or 'none'}.")
-        values = cell_data[values]
-    array = check_cell_data({"values": values}, n_cells)["values"]
-    if array.ndim != 1:
-        raise MeshError(f"values to plot must be one number per cell, shape ({n_cells},); got shape {array.shape}.")
-    return array.astype(float)
-
-
-def points_to_plot(points: Floats, displacement: ArrayLike | None) -> Floats:
-    """Return the points plus the displacement, if there is one; or raise MeshError."""
-    if displacement is None:
-        return points
-    array = _array(displacement)
-    if array.shape != points.shape or array.dtype.kind not in "biuf":
-        raise MeshError(
-            f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
-            f"shape {array.shape}."
-        )
-    return np.asarray(points + array)
-
-
 def _array(values: ArrayLike) -> NDArray[Any]:
     """Return values as an array; if that is impossible, an empty array of objects, which every check refuses."""
     array = plain(values)

@@ -41,8 +41,8 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     Raises
     ------
     MeshError
-        The whole mesh is on one side; the mesh has interfaces; the normal is zero; the line meets a nonconvex cell more
-        than twice; in space the plane crosses cells.
+        The whole mesh is on one side; the mesh has interfaces; the line meets a nonconvex cell more than twice; in
+        space the plane crosses cells.
 
     Examples
     --------

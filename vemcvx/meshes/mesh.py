@@ -300,7 +300,7 @@ class Mesh(ABC):
         Raises
         ------
         MeshError
-            The name is not a non-empty string, or `values` are not numbers with one row per cell.
+            The name is empty, or `values` are not numbers with one row per cell.
         """
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
@@ -332,8 +332,7 @@ class Mesh(ABC):
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.
 
-        Nodes along the crack are doubled; the new nodes come last. At a crack tip inside the mesh (in space: along the
-        crack front) nodes stay single.
+        Nodes along the crack are doubled; the new nodes come last. Nodes at crack tips inside the mesh stay single.
 
         Parameters
         ----------

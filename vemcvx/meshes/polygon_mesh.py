@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats, Ints, plain, read_only
 from vemcvx.base.canvas import draw_cells
 from vemcvx.base.errors import MeshError, SceneError
 from vemcvx.meshes import polygons
-from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, points_to_plot, values_to_plot
+from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE, check_cell_data
 from vemcvx.meshes.checks.plane import check_polygon_mesh
 from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 from vemcvx.meshes.mesh import Mesh, Sides
@@ -37,7 +37,7 @@ class PolygonMesh(Mesh):
     points : (n_nodes, 2) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of index sequences, or (n_cells, k) array of int
-        Vertices of each cell, in order around it. Clockwise cells are reversed, with a `MeshWarning`.
+        Vertices of each cell, in order around it.
     boundaries : mapping of str to (m, 2) array_like of int, optional
         Named sets of boundary edges, in either direction. The name "boundary" is reserved for the whole boundary. By
         default, the edges where x or y is least or greatest are "left", "right", "bottom" and "top"; an empty mapping
@@ -45,7 +45,7 @@ class PolygonMesh(Mesh):
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Edges of one body that coincide with edges of another; each body has its own nodes there.
+        Edges (in space: faces) at which two bodies meet: see :func:`vemcvx.meshes.bodies`.
 
     Attributes
     ----------
@@ -168,24 +168,15 @@ class PolygonMesh(Mesh):
         """
         return extrude(self, heights)
 
-    def plot(
-        self,
-        values: str | ArrayLike | None = None,
-        ax: Axes | None = None,
-        *,
-        displacement: ArrayLike | None = None,
-        **style: object,
-    ) -> Axes:
+    def plot(self, values: ArrayLike | None = None, ax: Axes | None = None, **style: object) -> Axes:
         """Draw the cells, coloured by ``values`` if given. Without ``values`` and ``ax``, label the named boundaries.
 
         Parameters
         ----------
-        values : (n_cells,) array_like or str, optional
-            One number per cell, or the name of a cell datum.
+        values : (n_cells,) array_like, optional
+            One number per cell.
         ax : matplotlib Axes, optional
             Axes to draw on; by default a new figure (``ax.figure.savefig(...)`` saves it).
-        displacement : (n_nodes, 2) array_like, optional
-            Displacement of the nodes in the picture.
         **style
             Passed to matplotlib's PolyCollection (``cmap``, ``edgecolor``, ``linewidth``, ``clim`` ...).
 
@@ -199,14 +190,15 @@ class PolygonMesh(Mesh):
         VemcvxError
             matplotlib is not installed.
         MeshError
-            ``values`` or ``displacement`` do not fit the mesh.
+            ``values`` do not fit the mesh.
         """
-        values = None if values is None else values_to_plot(values, self.cell_data, self.n_cells)
-        points = points_to_plot(self.points, displacement)
+        shown = None if values is None else check_cell_data({"values": values}, self.n_cells)["values"].astype(float)
+        if shown is not None and shown.ndim != 1:
+            raise MeshError(f"plot: values must be one number per cell, shape ({self.n_cells},); got {shown.shape}.")
         labels = [name for name in self.boundaries if ax is None and values is None and name != WHOLE]
-        ax = draw_cells(points, self.offsets, vertices=self.vertices, values=values, ax=ax, style=style)
+        ax = draw_cells(self.points, self.offsets, vertices=self.vertices, values=shown, ax=ax, style=style)
         for name in labels:
-            middles = points[self.boundaries[name]].mean(axis=1)
+            middles = self.points[self.boundaries[name]].mean(axis=1)
             at = middles[np.linalg.norm(middles - middles.mean(axis=0), axis=1).argmin()]
             ax.annotate(name, at, ha="center", va="center", bbox={"facecolor": "white", "linewidth": 0, "pad": 1})
         return ax

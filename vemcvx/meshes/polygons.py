@@ -262,22 +262,13 @@ def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Return pairs (i, j) of overlapping polygons and their common parts; a pair with two parts is listed twice.
-
-    If one polygon covers the other, the common part is the inner polygon, and no intersection is computed.
-    """
+    """Return pairs (i, j) of overlapping polygons and their common parts; a pair with two parts is listed twice."""
     import shapely
 
-    tree = shapely.STRtree(second)
-    one, other = (tree.query(first, predicate=predicate) for predicate in ("covers", "covered_by"))
-    i, j = tree.query(first)
-    open_pairs = ~(np.isin(i, other[0]) | np.isin(j, one[1]))
-    i, j = i[open_pairs], j[open_pairs]
-    other = other[:, ~np.isin(other[1], one[1])]
+    i, j = shapely.STRtree(second).query(first)
     shared, pair = shapely.get_parts(shapely.intersection(first[i], second[j]), return_index=True)
     cut = shapely.area(shared) > 0.0
-    i, j = np.concatenate([one, other, np.stack([i, j])[:, pair[cut]]], axis=1)
-    return i, j, np.concatenate([second[one[1]], first[other[0]], shared[cut]])
+    return i[pair[cut]], j[pair[cut]], shared[cut]
 
 
 def triangulate(polygons: NDArray[Any]) -> Triangles:

@@ -34,17 +34,12 @@ class PolyhedralMesh(Mesh):
     points : (n_nodes, 3) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
-        Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell. Clockwise faces
-        are reversed, with a `MeshWarning`.
+        Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell.
     boundaries : mapping of str to array_like, optional
         Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" is reserved for the
         whole boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
         "bottom" and "top"; an empty mapping names nothing.
-    cell_data : mapping of str to (n_cells, ...) array_like, optional
-        Data on cells, such as moduli or material numbers.
-    interfaces : mapping of str to Interface, optional
-        Faces of one body that coincide with faces of another; each body has its own nodes there. See
-        :func:`vemcvx.meshes.bodies`.
+    cell_data, interfaces : as in `PolygonMesh`
 
     Attributes
     ----------
@@ -56,14 +51,13 @@ class PolyhedralMesh(Mesh):
         First and second cell of each face; the second is -1 on the boundary.
     cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
         Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
-    node_map : (n,) int or None
-        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
+    node_map : as in `PolygonMesh`
 
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh; the message names the cell or node and a remedy. A face counts as
-        plane if no vertex is farther from its plane than 1e-6 times its diameter.
+        The points and cells do not form a valid mesh; the message names the cell or node. A face counts as plane if no
+        vertex is farther from its plane than 1e-6 times its diameter.
 
     Warns
     -----

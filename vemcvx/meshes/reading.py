@@ -52,8 +52,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Raises
     ------
     MeshError
-        The file does not exist, is damaged or of an unknown format; or it contains something that would be read
-        wrongly, or no valid mesh.
+        The file is missing, damaged, of an unknown format, or would be read wrongly; or its mesh is not valid.
 
     Warns
     -----
@@ -109,8 +108,8 @@ def convert(other: Any) -> PolygonMesh | Any:
     Parameters
     ----------
     other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Names of boundaries come from cell sets of lines (in space: polygons) or physical groups (meshio), or from named
-        boundaries (scikit-fem); objects made by `to` keep them. Subdomains and cell sets become cell data of 0 and 1.
+        Cell sets of lines (in space: polygons), physical groups and named boundaries name the boundaries. Subdomains
+        and sets of other cells become cell data of 0 and 1.
 
     Returns
     -------

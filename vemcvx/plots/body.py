@@ -205,7 +205,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     places = mesh.points + factor * history.displacement[row]
     look: dict[str, Any] = {"array": field.values[row], "cmap": field.colours[0], "clim": field.colours[1]}
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
-    mesh.plot(ax=ax, displacement=places - mesh.points, linewidth=line, edgecolor="0.35", **look)
+    PolygonMesh.unchecked(places, mesh.offsets, mesh.vertices).plot(ax=ax, linewidth=line, edgecolor="0.35", **look)
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:

@@ -317,14 +317,12 @@ def l_shape(
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
     """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
 
-    ``ring(...).extruded(heights)`` is a tube of hexahedra, or a cylinder of wedges and hexahedra. A full circle of
-    radius r becomes a polygon with s sides, which are at most r (1 - cos(pi / s)) inside the circle.
+    A full circle of radius r becomes a polygon with s sides, which are at most r (1 - cos(pi / s)) inside the circle.
 
     Parameters
     ----------
     radii : (k,) array
-        Increasing radii of k >= 2 circles; ``np.geomspace(a, b, k)`` gives cells of one shape. If the first radius is
-        0, the domain is a disc, with triangles about the centre.
+        Increasing radii of k >= 2 circles. If the first is 0, the domain is a disc, with triangles about the centre.
     sectors : int
         Number of sides around the full circle or the sector; each side must span an angle below pi.
     angles : (float, float), optional

@@ -106,8 +106,6 @@ def prisms(
 ) -> PolyhedralMesh:
     """Return a mesh of a box with upright prisms over the polygons of `voronoi`, in equal layers.
 
-    For prisms over other polygons see :meth:`vemcvx.PolygonMesh.extruded`.
-
     Parameters
     ----------
     n, box, seed, size : as in `cubes`

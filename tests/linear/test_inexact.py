@@ -68,11 +68,6 @@ def push(x, t):
 HELD = vx.Elasticity(young=200.0, poisson=0.3), vx.Traction(push, on="left"), vx.TrescaFriction(bound=1.0, on="bottom")
 SCENES = {
     "bilateral": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom")),
-    "moved": (
-        *HELD,
-        vx.PrescribedDisplacement(lambda x, t: [0.01 * t, 0.0, -0.02 * t], on="right"),
-        vx.UnilateralContact(on="bottom"),
-    ),
     "viscous": (*HELD, vx.Clamp(on="right"), vx.BilateralContact(on="bottom"), vx.Viscosity(0.1, 0.1)),
 }
 

@@ -177,7 +177,7 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """Return a_K^h(u, u), twice the elastic energy of each cell of a body that is not one of revolution."""
+    """Return a_K^h(u, u), twice the elastic energy of each cell; not for bodies of revolution."""
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
     missed = remainder_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)

@@ -222,7 +222,7 @@ def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
-    """Return the mean strain of a displacement on each cell; it maps points (q, dim) to vectors (q, dim)."""
+    """Return the mean strain (n_cells, components) of a displacement, given as a function of points (q, dim)."""
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
         part = face_part(np.arange(mesh.n_faces), mesh)

@@ -83,7 +83,7 @@ class VertexWeights(Stabilisation):
 
 @dataclass(frozen=True, eq=False)
 class InRegions(Stabilisation):
-    """The stabilisations of several materials; each region has its cells (n_cells,), True or False, and its S_K."""
+    """The stabilisations of several materials; `regions` has pairs of a mask (n_cells,) of cells, and their S_K."""
 
     regions: tuple[tuple[Bools, Stabilisation], ...]
 

@@ -146,6 +146,14 @@ def test_the_page_gives_the_reason_for_a_missing_error_budget(hung, tmp_path):
     assert "Error budget There is no error budget. error_budget: there is no estimate for scenes with Viscosity" in text
 
 
+def test_a_foreign_page_is_refused_before_the_run(hung, tmp_path):
+    (tmp_path / "report.html").write_text("a thesis")
+    refused = CliRunner().invoke(app, ["run", str(hung), "--n", "2", "--report", "--out", str(tmp_path)])
+    assert refused.exit_code == 2
+    assert "report.html: not made by a run of this version" in refused.output
+    assert not (tmp_path / "summary.json").exists()
+
+
 @pytest.mark.long
 def test_units_of_a_problem_file_are_in_output_page_pictures_and_files(hung, tmp_path):
     units = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}

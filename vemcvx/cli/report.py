@@ -14,7 +14,6 @@ from string import Template
 from vemcvx.base.canvas import as_png
 from vemcvx.base.errors import VemcvxError
 from vemcvx.base.outline import Outline
-from vemcvx.base.owned_files import Owned
 from vemcvx.base.version import __version__
 from vemcvx.cli.doctor import EXTRAS, NEEDED, name_platform, version_of
 from vemcvx.cli.problem_file import Problem
@@ -24,7 +23,6 @@ from vemcvx.history import History
 from vemcvx.plots.pictures import draw_pictures, omissions
 
 TEMPLATE = Path(__file__).with_name("page.html")
-REPORT = "report.html"
 
 
 def page(title: str, body: str, style: str = "") -> str:
@@ -33,10 +31,8 @@ def page(title: str, body: str, style: str = "") -> str:
     return template.substitute(title=escape(title), body=body, style=style, version=__version__)
 
 
-def write_report(
-    folder: Path, problem: Problem, history: History, *, settings: Sequence[str], mesh: str, results: str
-) -> Path:
-    """Write the report; `results` is the output on the terminal, and `mesh` describes the mesh."""
+def report_page(problem: Problem, history: History, *, settings: Sequence[str], mesh: str, results: str) -> str:
+    """Return the report; `results` is the output on the terminal, and `mesh` describes the mesh."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
     source = problem.path.read_text(encoding="utf-8", errors="replace")
@@ -59,8 +55,7 @@ def write_report(
         ),
     }
     body = "".join(f"<section><h2>{title}</h2>{text}</section>\n" for title, text in sections.items())
-    with Owned(folder) as own:
-        return folder / own.write(REPORT, page(f"{problem.name}: {problem.title}", body))
+    return page(f"{problem.name}: {problem.title}", body)
 
 
 def _pictures(history: History, problem: Problem) -> str:

@@ -20,6 +20,7 @@ import typer
 from vemcvx.base.canvas import new_figure
 from vemcvx.base.errors import ProblemError, quietly
 from vemcvx.base.outline import coordinates, count_steps
+from vemcvx.base.owned_files import Owned
 from vemcvx.cli.options import NONE, Accuracy, Condense, File, FineN, Linear, Mesh, SolverName
 from vemcvx.cli.problem_file import Posed, Problem, is_file, mesh_name, read_problem
 from vemcvx.cli.solver_names import make_linear_solver, make_solver, serve_ranks
@@ -37,6 +38,7 @@ from vemcvx.results.tables import FILES
 from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping import CHECKPOINT, Folder
 
+REPORT = "report.html"
 ROWS = "rows"
 """The subfolder of the output folder in which a run keeps completed steps until the history is written."""
 
@@ -110,12 +112,13 @@ class Run:
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in omissions(history)]
         if self.report:
-            from vemcvx.cli.report import write_report
+            from vemcvx.cli.report import report_page
 
             name = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
             results = "\n".join(lines)
-            path = write_report(drawings, problem, history, settings=self.settings, mesh=name, results=results)
-            lines.append(f"report      {path}")
+            page = report_page(problem, history, settings=self.settings, mesh=name, results=results)
+            with Owned(drawings) as own:
+                lines.append(f"report      {drawings / own.write(REPORT, page)}")
         return history, lines
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
@@ -217,6 +220,9 @@ class Run:
             files.writable_folder(drawings)
         if folder:
             files.check_replaceable(folder)
+        if self.report:
+            with Owned(drawings) as own:
+                own.take(REPORT)
         return folder, drawings
 
     def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:

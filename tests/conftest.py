@@ -46,10 +46,9 @@ LONGER = {
     "scene": (
         "curved_and_rounded_sides dragged_contact interfaces meeting_parts parts_of_bodies space_contact supports"
     ),
-    "solvers": "conformance_solvers discs solvers_agree",
+    "solvers": "conformance_solvers discs",
     "stepping": (
-        "coulomb_certificate ledger moving_ground programs pulses resume "
-        "slip_laws soft_limits threads_and_processes viscosity"
+        "coulomb_certificate ledger moving_ground programs resume slip_laws soft_limits threads_and_processes viscosity"
     ),
     "unit": "cli_app",
     "vem": "stabilisation_spectrum",

@@ -29,11 +29,11 @@ FLOOR = 1e-9
 """Relative tolerance for results, if the energy is certified to 1e-11."""
 
 
-def simulate(problem, n, steps=None, family=None, accuracy=None, mesh=None, **parameters):
-    """Simulate a problem with the steps and the accuracy of its small setting, unless they are given."""
+def simulate(problem, n, steps=None, family=None, mesh=None, **parameters):
+    """Simulate a problem with the accuracy of its small setting, and with its steps unless they are given."""
     mesh = mesh or (problem.mesh(n) if family is None else problem.mesh(n, family=family))
     small, initial = getattr(problem, "SMALL", {}), getattr(problem, "initial", None)
-    times, solver = problem.times(steps or small["steps"]), vx.Newton(accuracy or small.get("accuracy", 1e-8))
+    times, solver = problem.times(steps or small["steps"]), vx.Newton(small.get("accuracy", 1e-8))
     return vx.simulate(problem.scene(**parameters), mesh, times, initial=initial, solver=solver)
 
 

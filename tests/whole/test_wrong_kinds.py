@@ -162,7 +162,7 @@ LEFT = {"progress", "stream", "folder", "effects"}
 """Parameters that are not tested: `progress` (any function), paths of output, and the effects of a scene."""
 METHODS = (
     *(MESH.with_boundary, MESH.refine, MESH.extruded, CUBE.with_boundary, CUBE.refine),
-    *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table, HISTORY.along),
+    *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table),
 )
 SEEDED = {"distorted", "hanging", "voronoi", "prisms", "voronoi3"}
 """Families of random meshes; all others accept any `seed`."""

@@ -282,12 +282,8 @@ def programs(
 
 def check_kinds(scene: object, mesh: object) -> None:
     """Raise SceneError unless these are a scene and a mesh, in this order."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"simulate: found {brief(scene)} instead of a scene; give a Scene(...), then a mesh.")
-    if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
-        raise SceneError(
-            f"simulate: found {brief(mesh)} instead of a mesh; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
-        )
+    if not isinstance(scene, Scene) or not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
+        raise SceneError(f"simulate: found {brief(scene)} and {brief(mesh)}; wanted a Scene, then a mesh.")
 
 
 def _log(step: int, steps: int) -> None:
@@ -367,10 +363,7 @@ def free_unknowns(initial: ArrayLike | str | Projected | Results | None, posed: 
 
 
 def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
-    """Return the last state of a history as the first state of another scene on the same mesh.
-
-    The friction terms at a node share the wear of the node equally. Each term has the accumulated slip of the node.
-    """
+    """Return the last state of a history as the first state of another scene on the same mesh."""
     mesh, contact, run, terms = posed.space.mesh, history.contact, history.trajectory, posed.terms
     if not all(np.array_equal(getattr(history.mesh, name), getattr(mesh, name)) for name in ("points", "centroids")):
         raise SceneError("initial: the history is on another mesh; a stage continues a run on the same mesh.")
@@ -383,6 +376,7 @@ def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
             "history has one slip per node. Simulate both stages in one run instead."
         )
 
+    # The friction terms at a node share the wear of the node equally.
     share = contact.friction_lengths / np.maximum(several, 1)
     of_places = contact.wear[-1] * share, contact.wear_second_order[-1] * share, contact.accumulated_slip[-1]
     worn, worn_second_order, slipped = (np.append(values, 0.0)[at] for values in of_places)

@@ -45,7 +45,7 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 
 
 @pytest.mark.long
-@pytest.mark.skipif(peak_memory_mb() is None, reason="Windows does not give the peak memory of a process")
+@pytest.mark.skipif(peak_memory_mb() is None, reason="only Linux gives the peak memory of a process")
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_unused_factors_free_their_memory(linear):
     """Peak memory does not grow from the 4th to the 12th factor. The old factor is held while a new one is made."""

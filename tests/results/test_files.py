@@ -102,7 +102,7 @@ def test_the_summary_has_the_public_keys(history, tmp_path):
         int: "unknowns steps",
         float: "accuracy certified_energy_error peak_memory_mb energy dissipated work "
         "dissipated_second_order work_second_order",
-        list: "effects left_out tables",
+        list: "effects left_out",
         dict: "mesh extremes forces peak contact seconds",
         type(None): "estimated_energy_errors quantities bound_upper bound_lower bound_kind bound_force units",
     }

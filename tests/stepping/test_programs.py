@@ -114,5 +114,5 @@ def test_a_program_needs_the_stored_state_before_its_step():
         history.program(3, condense="no")
     with pytest.raises(vx.HistoryError, match="was read from files"):
         replace(history, scene=None).program(3)
-    with pytest.raises(vx.SceneError, match="instead of a mesh"):
+    with pytest.raises(vx.SceneError, match="wanted a Scene, then a mesh"):
         next(vx.programs(scene, scene, TIMES))

@@ -234,7 +234,7 @@ class Run:
             return [history.summary(), *extremes, *([] if self.plot or self.report else [none])]
         mesh = self.mesh or problem.family
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
-        write_results(history, folder, origin, progress=lambda *now: show("writing", *now))
+        write_results(history, folder, origin)
         seconds = {**history.seconds, "write": time.perf_counter() - start}
         names = SUMMARY, ARCHIVE, *sorted(name for name in FILES.values() if (folder / name).is_file())
         words = f"files       {folder}: {SERIES} with {len(history.stored)} instants, {', '.join(names)}"

@@ -257,11 +257,9 @@ def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps, and the ends of the map: (-top, top), (0, top) or (-top, 0).
-
-    The map ends at the 99 % quantile of the stresses, because stress at the corner of a clamp is unbounded.
-    """
+    """Return a colour map for the stresses of all steps, and its ends: (-top, top), (0, top) or (-top, 0)."""
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
+    # The map ends at the 99 % quantile, because stress at the corner of a clamp is unbounded.
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
         # Draw a constant stress in the middle of the map, because the ends have the darkest and brightest colours.
@@ -286,10 +284,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force at which arrows end.
-
-    `scale` is the magnification, and the size of the visible part. Arrows have the same scale at all steps.
-    """
+    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force at which arrows end."""
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
     seen = np.flatnonzero(within(contact.points, view.window))
@@ -407,11 +402,7 @@ def has_pyvista() -> bool:
 def _render(
     surface: tuple[Floats, Ints, Ints], values: Floats, colours: Colours, frame: Floats, towards: Floats
 ) -> NDArray[np.uint8]:
-    """Draw polygons in space, with one value each, in parallel projection; return the image (height, width, 3).
-
-    Polygon i has the corners ``points[vertices[offsets[i]:offsets[i + 1]]]``; `colours` are a map and its ends. The box
-    with the corners `frame` (2, 3) fills the image; `towards` points to the viewer, and x_3 upwards.
-    """
+    """Draw polygons in space, with one value each, in parallel projection; return the image (height, width, 3)."""
     if not has_pyvista():
         raise VemcvxError(MISSING)
     import pyvista

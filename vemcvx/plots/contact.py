@@ -230,10 +230,7 @@ def list_steps(history: Results, picture: str) -> Ints:
 
 
 def directions(history: Results, line: ContactLine) -> Floats:
-    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0.
-
-    Open contact without friction is NaN. Slip is opposite to friction or, without friction, along the change of slip.
-    """
+    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0."""
     contact = history.contact
     against = line.along(contact.traction)
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)

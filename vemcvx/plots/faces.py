@@ -19,16 +19,12 @@ from vemcvx.plots import style
 from vemcvx.plots.contact import pressures, require_contact
 from vemcvx.plots.style import Units, Window, amount, instant, is_idle, label, label_axes, units_of, within
 from vemcvx.results import ALONG, Contact, Results
-from vemcvx.vem import Part, Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HIDDEN = (
-    "contact goes round the body, and no view shows all of it; name one of its boundaries, on=, or open the VTU "
-    "files of the history"
-)
+HIDDEN = "contact goes round the body, and no view shows all of it; open the VTU files of the history"
 
 
 @dataclass(frozen=True)
@@ -51,37 +47,21 @@ class ContactFace:
         return vectors @ self.frame.T
 
 
-def contact_faces(history: Results, on: str | None = None, picture: str = "contact_face") -> dict[str, ContactFace]:
-    """Return the faces of contact that one view shows, by name: the name of an interface, or "obstacles".
-
-    `on` selects one of these faces, or the obstacles of a boundary. Raise HistoryError if the body is plane, or if the
-    selected face has no contact.
-    """
+def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactFace]:
+    """Return the faces of contact that one view shows, by name: the name of an interface, or "obstacles"."""
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
-        raise HistoryError(f"{picture}: this body is plane; friction_traction and stick_slip_map draw its contact.")
-    contact = require_contact(history, picture)
+        raise HistoryError("contact_face: this body is plane; friction_traction and stick_slip_map draw its contact.")
+    contact = require_contact(history, "contact_face")
     pairs = np.column_stack([contact.nodes, contact.partners])
     rows = {name: are_among(pairs, found.pairs) for name, found in mesh.interfaces.items()}
     rows["obstacles"] = contact.partners < 0
-    if on is not None and on not in rows:
-        rows[on] = _facing(mesh, contact, Space(mesh).part(on, picture, contact=True))
-    if on is not None and not rows[on].any():
-        raise HistoryError(f"{picture}: there is no contact on {on!r}.")
+    known = [name for name, some in rows.items() if some.any()]
+    if on is not None:
+        known = [choice(on, "contact_face", "on", known, HistoryError)]
     # A face is visible in one view if its normals agree. If they do not, the mean of the normals is short.
-    normals = {name: contact.normals[some] for name, some in rows.items() if some.any() and on in (None, name)}
-    means = {name: every.mean(axis=0) for name, every in normals.items()}
+    means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
-
-
-def _facing(mesh: PolyhedralMesh, contact: Contact, part: Part) -> Bools:
-    """Return True for nodes at obstacles if a side of `part` meets the node and has about the same normal."""
-    row, found = np.full(mesh.n_nodes, -1), np.zeros(len(contact.nodes), dtype=bool)
-    row[contact.nodes[contact.partners < 0]] = np.flatnonzero(contact.partners < 0)
-    met = np.flatnonzero(row[part.ends.nodes] >= 0)
-    at = row[part.ends.nodes[met]]
-    found[at[np.einsum("ed,ed->e", contact.normals[at], part.ends.normals[met]) > 0.75]] = True
-    return found
 
 
 def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
@@ -148,8 +128,8 @@ def contact_face(
     ----------
     history, step, ax, units : as for `friction_traction`
     on : str, optional
-        Draw only the face of this interface, or of the obstacles of this boundary; by default there is a panel for
-        each interface and one for all obstacles.
+        Draw only the face of this interface, or of "obstacles"; by default there is a panel for each interface and one
+        for all obstacles.
     show : {"states", "pressure", "friction", "wear"}
         The meaning of colours: stick, slip and open contact, or the size of a field.
     window : ((low, high), (low, high)), optional
@@ -178,7 +158,7 @@ def contact_face(
     row = history.row(step)
     choice(show, "contact_face", "show", ["states", *FIELDS], HistoryError)
     window = style.window_of(window)
-    for panel, name, face in _panels(history, on, ax, "contact_face", (6.0, 5.0)):
+    for panel, name, face in _panels(history, on, ax):
         if show == "states":
             _fill_states(panel, face, row)
         else:
@@ -196,17 +176,15 @@ def contact_face(
     return figure
 
 
-def _panels(
-    history: Results, on: str | None, ax: Axes | None, picture: str, size: tuple[float, float]
-) -> Iterator[tuple[Axes, str, ContactFace]]:
+def _panels(history: Results, on: str | None, ax: Axes | None) -> Iterator[tuple[Axes, str, ContactFace]]:
     """Yield axes, the beginning of a title and the face for each face of contact."""
-    faces = contact_faces(history, on, picture)
+    faces = contact_faces(history, on)
     if not faces:
-        raise HistoryError(f"{picture}: {HIDDEN}.")
+        raise HistoryError(f"contact_face: {HIDDEN}.")
     if ax is not None and len(faces) > 1:
         names = ", ".join(map(repr, faces))
-        raise HistoryError(f"{picture}: given axes show one face of contact only; select one of {names} by on=.")
-    panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), *size)
+        raise HistoryError(f"contact_face: given axes show one face of contact only; select one of {names} by on=.")
+    panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), 6.0, 5.0)
     for panel, (name, face) in zip(panels, faces.items(), strict=True):
         yield panel, f"{name}, " * (len(faces) > 1), face
 

@@ -165,11 +165,7 @@ def positive(raw: object, found: str, wanted: str) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None.
-
-    The round number moves `nodes` by at most about 0.15 of the `size` of the picture. In 99 of 100 edges, the ends move
-    relative to each other by at most half the length of the edge; with larger motions cells would turn inside out.
-    """
+    """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None."""
     if magnify is not None:
         return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")
     u, kept = history.displacement, slice(None) if nodes is None else nodes
@@ -180,6 +176,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
+    # If the ends of an edge moved by more than half its length, cells would turn inside out.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 

@@ -175,10 +175,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return three arrays for the contact nodes: lengths (m,) with friction, forces (S, m, dim), cohesion (S, m).
-
-    Cohesion is the normal component of friction with given `directions`. The forces do not contain the cohesion.
-    """
+    """Return three arrays for the contact nodes: lengths (m,) with friction, forces (S, m, dim), cohesion (S, m)."""
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
     if not given.any():

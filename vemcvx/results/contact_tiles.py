@@ -66,10 +66,7 @@ class ContactTiles:
         return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
 
     def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
-        """Return recovered forces per length from nodal forces (k, m), with int phi_i as `lengths` (m,).
-
-        Means are taken over the `closed` (k, m) nodes of each row; other nodes keep their values.
-        """
+        """Return recovered forces per length from nodal forces (k, m), with int phi_i as `lengths` (m,)."""
         found = forces / lengths
         patterns, number = np.unique(closed, axis=0, return_inverse=True)
         for k, pattern in enumerate(patterns):
@@ -118,10 +115,7 @@ def find_unmatched(mesh: Mesh) -> Bools:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return, for each of the nodes (m,), the size of its largest cell; 0 where the node is -1 (no partner).
-
-    The size of a cell is the total length (in space, the root of the total area) of its sides between these nodes.
-    """
+    """Return, for each of the nodes (m,), the size of its largest cell; 0 where the node is -1 (no partner)."""
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)
     on[nodes[nodes >= 0]] = True

@@ -23,12 +23,11 @@ from __future__ import annotations
 import json
 import os
 import re
-import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Callable, Set
+from collections.abc import Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -232,29 +231,15 @@ def finite_or_none(value: float | None) -> float | None:
 
 
 def peak_memory_mb() -> float | None:
-    """Return the peak memory of this process in MB, or None if the system does not provide it (Windows)."""
-    # VmHWM of /proc comes first, because a new process may inherit the maxrss of the process that started it.
+    """Return the peak memory of this process in MB, or None if the system does not provide it (not Linux)."""
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
             return int(found.group(1)) / 1024
-    try:
-        import resource
-    except ImportError:
-        return None
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    return None
 
 
-def write_results(
-    history: Results,
-    folder: str | Path,
-    origin: Origin | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Path:
-    """Write a history to a folder, in place of any older history, and return the folder, which is created if needed.
-
-    `origin` gives problem and mesh for the summary. `progress(written, stored)` is called after every step.
-    """
+def write_results(history: Results, folder: str | Path, origin: Origin | None = None) -> Path:
+    """Write a history to a folder, in place of any older history, and return the folder, which is created if needed."""
     if not np.isfinite(history.displacement).all():
         raise HistoryError(
             "write: found NaN or infinite displacements; only finite fields are written. Run with check=True to see "
@@ -266,10 +251,10 @@ def write_results(
             made = Path(temporary)
             # The energy of displacements beyond 1e154 overflows, and is written as infinite.
             with np.errstate(over="ignore", invalid="ignore"):
-                _write_series(history, made, progress or (lambda *_: None))
+                _write_series(history, made)
             write_archive(history, made / ARCHIVE)
-            tables = write_tables(history, made)
-            contents = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+            write_tables(history, made)
+            contents = summary(history, origin or Origin(), time.perf_counter() - start)
             (made / SUMMARY).write_text(json.dumps(contents, indent=2, allow_nan=False) + "\n", encoding="utf-8")
             _move(made, folder)
     except (OSError, MeshError) as error:
@@ -288,14 +273,13 @@ def _move(made: Path, folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _write_series(history: Results, folder: Path, progress: Callable[[int, int], None]) -> None:
+def _write_series(history: Results, folder: Path) -> None:
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
     digits, packed = max(4, len(str(history.steps))), pack_cells(history.mesh)
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
         write_cells(folder / name, packed, _at_nodes(history, row), history.on_cells(int(step)))
-        progress(row + 1, len(history.stored))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
     ET.ElementTree(root).write(folder / SERIES, encoding="utf-8", xml_declaration=True)

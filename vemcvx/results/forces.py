@@ -200,10 +200,7 @@ def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | Non
 
 
 def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
-    """Return d (s,): the reaction of a boundary along an axis is d . mu, with the forces mu of the rows of supports.
-
-    Raise SceneError if no support acts on the boundary along this axis.
-    """
+    """Return d (s,): the reaction of a boundary along an axis is d . mu, with the forces mu of the rows of supports."""
     ends, found = posed.space.part(name, "reaction", contact=True).names, [np.zeros(0)]
     for support, cause in zip(posed.supports.given, posed.causes["supports"].tolist(), strict=True):
         own = np.zeros(len(support.nodes))

@@ -25,11 +25,7 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of a boundary along the axis on which the boundary has the longest path, to and fro.
-
-    By default this is the boundary whose prescribed displacement has the longest path, or else the boundary of the load
-    whose total changes most. Return None if nothing is driven. The loads of a history without a scene are not known.
-    """
+    """Return the loop of a boundary along the axis on which the boundary has the longest path, to and fro."""
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
         return _find_load_loop(history)
@@ -80,12 +76,9 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 
 
 def _find_driven(history: Results) -> dict[str, Floats]:
-    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name.
-
-    Histories from files and joined stages have no scene: a boundary counts as driven along the axes of its reaction.
-    """
+    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name."""
     names, along = [str(name) for effect in _movers(history) for name in np.atleast_1d(effect.on)], {}
-    if history.scene is None:
+    if history.scene is None:  # A boundary counts as driven along the axes of its reaction.
         held = {
             name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name
         }

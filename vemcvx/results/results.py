@@ -253,25 +253,19 @@ class Results(ActingForces):
 
     @cached_property
     def turns(self) -> Ints:
-        """The stored steps at which the motion reverses: increments before and after have a negative scalar product.
-
-        Increments below the accuracy of a step do not count.
-        """
+        """The stored steps at which the motion reverses: increments before and after have a negative scalar product."""
         u, before, found = self.displacement, np.zeros(()), list[int]()
         least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
         for row in range(1, len(u)):
             moved = u[row] - u[row - 1]
-            if np.linalg.norm(moved) > least:
+            if np.linalg.norm(moved) > least:  # Smaller increments are within the accuracy of a step.
                 if float((moved * before).sum()) < 0:
                     found.append(int(self.stored[row - 1]))
                 before = moved
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return at most `most` (2 or more) stored steps that outline the course of a run, the peak among them.
-
-        They are the first turn, the latest turns and the last step; evenly spaced steps if the motion never reverses.
-        """
+        """Return at most `most` (2 or more) stored steps that outline the course of a run, the peak among them."""
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
         steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]

@@ -84,15 +84,14 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
-def write_tables(history: Results, folder: Path) -> list[str]:
-    """Write the nonempty tables as CSV files, booleans as 1 and 0; return the names of the files."""
+def write_tables(history: Results, folder: Path) -> None:
+    """Write the nonempty tables as CSV files, booleans as 1 and 0."""
     names = TABLES if len(history.contact.nodes) else TABLES[:1]
     for name in names:
         columns = table(history, name)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
         text = Table(list(columns), list(zip(*plain, strict=True))).csv()
         (folder / FILES[name]).write_text(text, encoding="utf-8")
-    return [FILES[name] for name in names]
 
 
 def frame(columns: Columns) -> DataFrame:

@@ -1,7 +1,6 @@
 """The conformance suite of vemcvx.testing for every effect that the package exports."""
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import vemcvx as vx
 from cohesive_interface import Glue
 from slip_weakening import SlipWeakening
 from vemcvx.testing import EffectSample, Other, effect_suite
-from vemcvx.testing.effects import has_the_slope_of_its_law
 
 OTHER_FIELDS = {
     *("bound", "softening", "on", "direction", "plane", "stabilisation"),
@@ -290,19 +288,3 @@ def test_functions_are_summed_in_the_order_in_which_they_are_written():
     }
     (order,) = orders
     assert list(order) == sorted(order)
-
-
-class Slanted(vx.CoulombFriction):
-    """Coulomb's law with a tenth of the correct slope."""
-
-    def contribute(self, space):
-        part = super().contribute(space)
-        (friction,) = part.frictions
-        law = replace(friction.law, slope=lambda t, p, past: 0.1 * friction.law.slope(t, p, past))
-        return replace(part, frictions=(replace(friction, law=law),))
-
-
-def test_the_suite_detects_a_wrong_slope():
-    has_the_slope_of_its_law(EffectSample(vx.CoulombFriction(0.3, on="bottom"), ()))
-    with pytest.raises(AssertionError):
-        has_the_slope_of_its_law(EffectSample(Slanted(0.3, on="bottom"), ()))

@@ -1,7 +1,6 @@
 """Tabulated data equal the function that interpolates them."""
 
 import numpy as np
-import pytest
 
 import vemcvx as vx
 
@@ -21,12 +20,3 @@ def test_a_table_equals_the_function_that_interpolates_it():
     )
     assert np.array_equal(one.displacement, two.displacement)
     assert "Tabulated(3 instants from 0 to 3)" in "".join(one.effects)
-
-
-def test_a_table_copies_its_values():
-    values = np.array(PULLS)
-    table = vx.Tabulated(INSTANTS, values)
-    values[:] = 7.0
-    assert table(None, 1.0) == 4.0
-    with pytest.raises(ValueError, match="read-only"):
-        table.values[0] = 1.0

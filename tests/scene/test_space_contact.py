@@ -9,7 +9,6 @@ from skfem.models.elasticity import linear_elasticity
 import vemcvx as vx
 
 BOX = ((0.0, 1.0), (0.0, 1.2), (0.0, 0.9))
-SHARP = vx.Newton(accuracy=1e-11)
 
 
 def test_contact_holds_every_normal_at_edges_and_corners():
@@ -98,26 +97,3 @@ def test_a_block_agrees_with_scikit_fem_and_cvxpy():
     apart = (careless.displacement[1] - history.displacement[1]).ravel()
     distance = np.sqrt(apart @ (other.K @ apart))
     assert 1e-9 < distance / np.sqrt(2 * history.energy[:2].max()) <= careless.certificate[1]
-
-
-def test_wear_is_traction_times_displacement():
-    """At edges, friction acts in two planes, but `slip` lacks the displacement along the mean normal."""
-    mesh, sides = vx.meshes.cubes(2), ["bottom", "left"]
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.07 * t, 0.12 * t], on="right"),
-        vx.TrescaFriction(1.0, on=sides),
-        vx.UnilateralContact(on=sides),
-    )
-    history = vx.simulate(scene, mesh, [0.0, 1.0], solver=SHARP)
-    contact = history.contact
-    moved = history.displacement[1, contact.nodes]
-    along = [-np.einsum("md,md->m", contact.traction[1], way) for way in (contact.slip[1], moved)]
-    edge = np.abs(contact.normals).max(axis=1) < 0.9
-    assert 0 < edge.sum() < len(edge)
-    assert (contact.wear[1] > 0).all()
-    assert along[1] == pytest.approx(contact.wear[1], rel=1e-9)
-    assert along[0][~edge] == pytest.approx(contact.wear[1, ~edge], rel=1e-9)
-    assert (np.abs(along[0] - contact.wear[1])[edge] > 0.01 * contact.wear[1, edge]).all()
-    out_of_plane = np.einsum("md,md->m", contact.traction[1], contact.normals)
-    assert np.abs(out_of_plane[~edge]).max() < 1e-9

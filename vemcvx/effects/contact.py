@@ -74,11 +74,10 @@ class PrescribedSlip(Effect):
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        The slip along the tangent (n rotated by +90 degrees), length, evaluated at t_n. Positive slip is right-lateral:
-        seen from either side, the other side moves to the right. In space, `value` is a vector, (3,) or
-        f(x, t) -> (m, 3); only its part along the surface counts.
+        The slip along the tangent (n rotated by +90 degrees), length. Positive slip is right-lateral: seen from either
+        side, the other side moves to the right. In space, a vector, of which only the part along the surface counts.
     on : str or sequence of str
-        Names of interfaces or boundaries, as for BilateralContact. At shared nodes, the slips of parts must agree.
+        Names of interfaces or boundaries, as for BilateralContact.
 
     Examples
     --------
@@ -266,10 +265,7 @@ class _Friction(Effect):
     across: data.Datum | None = None
 
     def _rub(self, space: Space, rows: BoundaryRows, name: str = "", read: Reader = None, **acts: Any) -> Contribution:
-        """Return the contribution of friction on rows; `acts` are further fields of Friction, such as its weights.
-
-        Friction by direction needs `read` and the `name` of the field that holds the bound.
-        """
+        """Return the contribution of friction on rows; `acts` are further fields of Friction, such as its weights."""
         points, subject, ground, ellipse = space.mesh.points[rows.nodes], self._subject, None, None
         if self.ground is not None:
             if (rows.partners >= 0).any():

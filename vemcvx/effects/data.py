@@ -39,8 +39,7 @@ class Tabulated:
     Raises
     ------
     SceneError
-        `times` do not increase, or `values` are not finite, or `times` and `values` differ in length. A call at an
-        instant outside the table also raises SceneError.
+        `times` or `values` are not as above, or the table is called at an instant outside it.
 
     Examples
     --------

@@ -190,10 +190,7 @@ class Ellipse:
     names: tuple[str, str]  # names of the two bounds in messages
 
     def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
-        """Return the vectors e and r c (m, 2, 3) of each row.
-
-        Raise SceneError if a direction is along the normal, if r is infinite, or if r differs at two of `times`.
-        """
+        """Return the vectors e and r c (m, 2, 3) of each row."""
         first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
         length, found = np.linalg.norm(first, axis=1), f"{self.subject}: found direction"
         lawful = length > 1e-6 * np.linalg.norm(self.direction, axis=1)
@@ -293,10 +290,7 @@ class Friction(ContactSurface):
 
     @property
     def across(self) -> Floats:
-        """The unit vectors (m, dim) that distinguish the terms of one node.
-
-        These are the normals, or `directions` if given. In the plane, `directions` are rotated by -90 degrees.
-        """
+        """The normals (m, dim), or `directions` if given, in the plane rotated by -90 degrees."""
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
@@ -311,19 +305,10 @@ class Friction(ContactSurface):
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
         """Return the weights (m,) for normal forces p (m,), slips `past` (m,) before the step and `slip` (m,) in it."""
-        law = self.law
         w = data.read_weights(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
-        if law is None:
+        if self.law is None:
             return w
-        added = self._evaluate("law of friction", law.weights, t, (p, past, slip))
-        lawful = (added >= 0) & (added < np.inf)
-        if not lawful.all():
-            i = int(np.argmin(lawful))
-            raise SceneError(
-                f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where slip "
-                f"is {past[i]:.6g} before the step and {slip[i]:.6g} in it; laws of friction give finite weights >= 0."
-            )
-        return w + added
+        return w + self._evaluate("law of friction", self.law.weights, t, (p, past, slip))
 
     def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
         """Return the derivatives (m,) of the weights with respect to normal forces; zero if the law has no slope."""
@@ -340,21 +325,13 @@ class Friction(ContactSurface):
         wanted = "take the values of all rows at once and return one number for each"
         rule = "; p is empty without pressed=True, past and slip are empty without slips=True"
         raw = call_function(function, given, f"{self.subject}: its {name} failed when called as {call}", wanted + rule)
-        return data.read_numbers(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
+        return data.read_finite(raw, len(self.nodes), f"{self.subject}: {name}{rule}")
 
     @property
     def softening(self) -> Floats:
         """The largest decrease (m,) of weights per slip; zero without a law."""
-        law = self.law
-        if law is None:
-            return np.zeros(len(self.nodes))
-        rate = data.read_numbers(law.softening, len(self.nodes), f"{self.subject}: softening")
-        if law.pressed or not ((rate >= 0) & (rate < np.inf)).all():
-            raise SceneError(
-                f"{self.subject}: found softening {rate.max():.6g} and pressed={law.pressed}; softening is a finite "
-                "number >= 0 of a law without pressed=True, or None if it is not known."
-            )
-        return rate
+        fall = 0.0 if self.law is None else self.law.softening
+        return data.read_finite(fall, len(self.nodes), f"{self.subject}: softening")
 
 
 @dataclass(frozen=True)
@@ -444,15 +421,10 @@ class Contribution:
     ----------
     stiffness : (n_u, n_u) sparse matrix, optional
         Stiffness of springs to the ground, or of a material whose stiffness does not follow from its moduli.
-    material : Material, optional
-    loads : tuple of Load
-    supports : tuple of Support
-    frictions : tuple of Friction
-    obstacles : tuple of Obstacle
+    loads, supports, frictions, obstacles : tuple
+        Objects of the class in the singular, such as `Load`.
     surfaces : tuple of ContactSurface
         Surfaces on which contact is reported, besides those of frictions and obstacles.
-    eigenstrains : tuple of Eigenstrain
-    initial_stresses : tuple of InitialStress
     viscosity : (n_u, n_u) sparse matrix, optional
         Nodal forces per nodal velocity, for stress proportional to the strain rate.
     curves : tuple of str
@@ -506,11 +478,6 @@ class Effect(ABC):
 
         Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at the instants of a run. For
         contact, the method is called again with planes of symmetry, which change normals at the ends of curves.
-
-        Raises
-        ------
-        SceneError
-            The name of a boundary is unknown, or a datum that is constant in time has a wrong shape, sign or value.
         """
 
     @property
@@ -524,10 +491,7 @@ class Effect(ABC):
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: Any = None, label: str | None = None) -> Floats:
-        """Return the values of a field at points or cells; raise SceneError unless `data.holds` allows shape and sign.
-
-        `value` replaces the value of the field, and `label` its name in messages.
-        """
+        """Return the values of a field at points or cells; raise SceneError if `data.holds` does not allow them."""
         declared = self._fields[name].metadata
         shape, sign = declared["shape"], declared["sign"]
         found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}", shape)

@@ -130,10 +130,9 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node, normal and kind (`_kinds`) form one term. The weight of a term is the sum of the
-# weights of its rows; its edges are all edges of these rows. Over nodal values, the matrix of the terms is B^, with
-# rows along orthonormal tangents; over the free unknowns it is B = B^ P. Terms with zero rows in B come last. They are
-# kept in two cases: a support or the ground makes the node slip (this dissipates), or a pressure is to be reported.
+# Friction rows with the same node, normal and kind (`_kinds`) form one term, whose weight is the sum of their weights.
+# Over nodal values, the matrix of the terms is B^; over free unknowns it is B = B^ P. Terms with zero rows in B come
+# last. They are kept if a support or the ground makes the node slip, or if a pressure is to be reported.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
@@ -196,10 +195,7 @@ class Terms(ContactRows):
         )
 
     def law_of(self, some: slice) -> Law | None:
-        """Return a law: the weights of `some` terms as functions of their slip and of the forces p (r,) on all limits.
-
-        Return None if no weight depends on the solution. A row's law uses the row's force and the slip of its term.
-        """
+        """Return the law of `some` terms: weights as functions of their slip and of the forces p (r,) on all limits."""
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
@@ -278,10 +274,7 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each row of all frictions: a term merges rows of one kind only.
-
-    Frictions of one kind have the same ground and ellipse, and in space all have `directions` or none has.
-    """
+    """Return the kind of each row: frictions of one kind have the same ground and ellipse, and alike `directions`."""
     grounds = [f.ground and id(f.ground.value) for f in frictions]
     ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
     kinds = list(zip(grounds, ways, strict=True))
@@ -333,10 +326,7 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes (the four cases above), ascending, one row per node.
-
-    At a corner, the row has the mean of the normals of both sides, weighted by length, and the sum of both lengths.
-    """
+    """The contact nodes (the four cases above), ascending, one row per node; at corners with means of normals."""
 
     normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, with reactions R of supports and contact
 
@@ -344,11 +334,7 @@ class Surface(ContactRows):
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact surface, from all m rows of the table; an edge in several parts counts once.
-
-    Dragged nodes that are not free belong to the surface if a term has the same node and partner. `moves` (m,) is True
-    for rows on moving ground.
-    """
+    """Return the contact surface, from all m rows of the table; `moves` (m,) is True for rows on moving ground."""
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
     held = _freedom(every, tangents_of(every.normals), supports, times)
@@ -424,10 +410,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the matrix that distributes forces of limits (r,) over the friction rows whose laws depend on pressure.
-
-    Return None if no friction has a law. Raise SceneError if a law needs the pressure at a free node without obstacle.
-    """
+    """Return the matrix that distributes forces of limits (r,) over the friction rows whose laws depend on pressure."""
     if all(f.law is None for f in frictions):
         return None
     reads = repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
@@ -463,10 +446,7 @@ def pose_contact(
     times: Sequence[float],
     known: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
-    """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows.
-
-    A term is dragged if supports or the ground move during `times`. Ellipses are evaluated at the instants `known`.
-    """
+    """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows."""
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)
     rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)

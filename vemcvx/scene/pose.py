@@ -167,7 +167,6 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     """Assemble a scene on a mesh; drop frictions whose bounds are zero at all of `times`.
 
     If friction can act between the instants, pass the instants as `between`, not as `times`: then none is dropped.
-    Raise SceneError if the mesh lacks a name that the scene uses, or if the body floats.
     """
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
@@ -258,10 +257,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 
 
 def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
-    """Return the rigid motions that only `rows` of friction and contact resist.
-
-    Warn of these motions, or log them if all are motions of named bodies.
-    """
+    """Return the motions that only `rows` resist; warn of them, or log them if all are motions of named bodies."""
     kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
     if kernel is not None:
         words = (

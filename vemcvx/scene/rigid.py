@@ -1,9 +1,8 @@
 """Floating bodies: find motions without strain that no support resists, and describe them in words.
 
 Let A be the stiffness of a body that nothing holds, and R (n_u, k) its rigid motions. A u = f has a solution u if the
-loads f balance: R'f = 0. The solution is unique up to a rigid motion. To choose one solution, k nodal values on which R
-is regular are held at zero (*pins*). As A R = 0, the forces r = A u - f of pins obey R'r = 0; hence r = 0. Results are
-the solution without its mean rigid motion (:mod:`vemcvx.results.results`).
+loads f balance: R'f = 0. To choose one solution, k nodal values on which R is regular are held at zero (*pins*); they
+bear no force. Results are the solution without its mean rigid motion (:mod:`vemcvx.results.results`).
 """
 
 from __future__ import annotations
@@ -215,10 +214,7 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
 
 
 def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
-    """Return the number of connected parts, and the part of each piece; `node[i]` is in `piece[i]`.
-
-    Pieces are connected at sites (n_nodes,) that they share, or that springs join.
-    """
+    """Return the number of connected parts, and the part of each piece; `node[i]` is in `piece[i]`."""
     pieces = piece.max() + 1
     links = np.column_stack([piece, pieces + sites[node]])
     if springs is not None:

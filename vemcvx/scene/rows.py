@@ -154,10 +154,7 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of equal pair, kind and normal; return the first row of each term, and the term of each row.
-
-    Normals n and -n count as equal, unless `signed` is True.
-    """
+    """Merge rows of equal pair, kind and normal (up to the sign); return first rows, and the term of each row."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:

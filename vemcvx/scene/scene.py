@@ -68,10 +68,7 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0. The load is -sum_K |K| sigma_0 : eps(Pi v).
-
-    sigma_0 is the sum of initial stresses minus the stresses that block the eigenstrains.
-    """
+    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0, with load -sum_K |K| sigma_0 : eps(Pi v)."""
 
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
@@ -247,18 +244,7 @@ class Scene:
         return Scene(*self.effects, *effects)
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
-        """Return a scene without some of the effects.
-
-        Parameters
-        ----------
-        *kinds : subclass of Effect, or Effect
-            Classes, whose effects are all removed, or single effects of the scene.
-
-        Raises
-        ------
-        SceneError
-            The scene has no such effect.
-        """
+        """Return a scene without these effects, or without all effects of these classes."""
         for kind in kinds:
             if not any(_is(effect, kind) for effect in self.effects):
                 there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self.effects))

@@ -7,8 +7,7 @@ Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction
 where y are free unknowns, and u_D = H g is prescribed. Nodal reactions R are equivalent to forces H'R on the rows of A.
 
 Supports with patterns M, such as the motions of a rigid part, prescribe A u = g(t) + M c with unknown amplitudes c.
-Then u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P; for these columns,
-P'H = 0 need not hold. The load on c is M'H'f, and the forces H'R on rows balance: M'H'R = 0.
+Then u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P.
 
 Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
 found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
@@ -164,10 +163,7 @@ def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle])
 
 
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
-    """Choose the frame of every site and split it into held and free directions.
-
-    Supports and normals are in canonical order. Normals become axes; so do tangents of rows that join two nodes.
-    """
+    """Choose the frame of every site and split it into held and free directions."""
     dim, given = points.shape[1], by_precedence(supports)
     pairs, across = pairs_of(given), pairs_of(normals)
     site = _sites(np.append(pairs[0], across[0]), np.append(pairs[1], across[1]), len(points))
@@ -251,10 +247,7 @@ def _split_sites(
 def _span_amplitudes(
     given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
 ) -> sp.csr_matrix:
-    """Return orthonormal columns (n_u, k) that span H M, the motions of nodes under unit amplitudes of supports.
-
-    Raise SceneError if a dependent row contradicts these motions.
-    """
+    """Return orthonormal columns (n_u, k) that span H M, the motions of nodes under unit amplitudes of supports."""
     each = [np.zeros((len(s.nodes), 0)) if s.patterns is None else s.patterns for s in given]
     M = block_diag(np.zeros((0, 0)), *each)
     if M.shape[1] == 0:
@@ -290,10 +283,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Group sites with equal numbers of nodes, rows and prescribed rows.
-
-    Yield for each group its nodes (S, .), its rows (S, .), and the number of prescribed rows per site.
-    """
+    """Yield the nodes (S, .), rows (S, .) and number of prescribed rows per site, for each group of like sites."""
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
     begin, held = np.searchsorted(at_site[order], sites), np.bincount(where[:count], minlength=len(sites))

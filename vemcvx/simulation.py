@@ -36,7 +36,7 @@ from vemcvx.stepping import (
     march,
     programs_of_march,
 )
-from vemcvx.stepping.course import Course, inside_steps, sample_course
+from vemcvx.stepping.course import inside_steps, sample_course
 from vemcvx.vem import stress_load
 from vemcvx.vem.loads import mean_strains
 from vemcvx.vem.tensors import stresses
@@ -204,27 +204,9 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     given = check_times(times)
     if len(given) < 2:
         return given
-    return np.union1d(given, inside_steps(given, _sample_data(scene, mesh, given).bends))
-
-
-def _sample_data(scene: Scene, mesh: Mesh, times: Floats) -> Course:
     with suppress_scene_warnings():
-        return sample_course(pose_scene(scene, mesh, between=times.tolist()).system, times)
-
-
-def warn_of_turns(scene: Scene, mesh: Mesh, times: Floats) -> None:
-    """Log a warning that names the instants inside steps at which data bend, turn or jump."""
-    if len(times) < 2:
-        return
-    missed = _sample_data(scene, mesh, times).find_missed(times)
-    if not len(missed):
-        return
-    apart = missed[np.diff(missed, prepend=-np.inf) > 1e-6 * float(times[-1] - times[0])]
-    named = ", ".join(f"{t:.6g}" for t in apart[:6]) + f" and {len(apart) - 6} more" * (len(apart) > 6)
-    log.warning(
-        f"instants: loads or other data turn, bend or jump inside steps, at t = {named}. The run misses these changes. "
-        "Let times(steps) return vemcvx.instants(scene, mesh, times), which includes them, or use --target."
-    )
+        course = sample_course(pose_scene(scene, mesh, between=given.tolist()).system, given)
+    return np.union1d(given, inside_steps(given, course.bends))
 
 
 def programs(

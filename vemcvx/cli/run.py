@@ -35,7 +35,6 @@ from vemcvx.plots.style import Units, in_units
 from vemcvx.results import files, largest
 from vemcvx.results.files import ARCHIVE, SERIES, SUMMARY, Origin, write_results
 from vemcvx.results.tables import FILES
-from vemcvx.simulation import warn_of_turns
 from vemcvx.stepping import CHECKPOINT, Folder
 
 REPORT = "report.html"
@@ -163,8 +162,7 @@ class Run:
         return history, [f"resumed     {one}" for one in words]
 
     def _march(self, posed: Posed, **how: Any) -> History:
-        """Return the history of a posed run; warn first if data bend or jump inside time steps."""
-        warn_of_turns(posed.scene, posed.mesh, posed.times)
+        """Return the history of a posed run."""
         return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
 
     def _simulate_stages(

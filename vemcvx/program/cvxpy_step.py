@@ -64,10 +64,7 @@ class CvxpyStep:
 
 
 def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) -> CvxpyStep:
-    """Write a step in cvxpy, with data g, w, b, e, or with parameters if data are not given.
-
-    Terms that are `stuck` (m,) do not slip; their weights must be finite.
-    """
+    """Write a step in cvxpy, with data g, w, b, e, or with parameters; terms that are `stuck` (m,) do not slip."""
     import cvxpy as cp
 
     (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance

@@ -107,10 +107,7 @@ class Delassus:
 
 
 def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
-    """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,).
-
-    If A has too many nonzero columns for an array, an operator is returned, which solves with K.
-    """
+    """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,): an array, or an operator if A is too large."""
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None
     if not dense and len(read) ** 2 > CHUNK_SIZE:

@@ -26,10 +26,8 @@ from vemcvx.base.arrays import (
     Floats,
     as_real_array,
     brief,
-    call_function,
     directions,
     finite,
-    function,
     lengths,
     onto_discs,
 )
@@ -76,13 +74,10 @@ class Kernel:
                 f"Kernel: found modes of shape {modes.shape} and names = {brief(self.names)}; wanted one column of "
                 "numbers and one name per motion."
             )
-        function(self.in_words, "Kernel: found in_words", "a function of (k,) coefficients of the motions")
         object.__setattr__(self, "modes", finite(modes, "Kernel: modes"))
         object.__setattr__(self, "names", tuple(names))
         if self.moved is not None:
-            moved = as_real_array(self.moved, "Kernel: moved", "(n_u, k) displacements, one column per motion")
-            if moved.ndim not in (2, 3) or moved.shape[-1] != modes.shape[1]:
-                raise SceneError(f"Kernel: found moved of shape {moved.shape} for {modes.shape[1]} motions.")
+            moved = as_real_array(self.moved, "Kernel: moved", "displacements, one column per motion")
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
 
     @cached_property
@@ -98,7 +93,7 @@ class Kernel:
     def name(self, c: Floats) -> str:
         """Return the motion modes @ c in words, with its direction."""
         if self.in_words is not None:
-            return str(call_function(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
+            return self.in_words(c)
         large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())
         return " with ".join(self.names[i] if c[i] > 0 else f"the reverse of {self.names[i]}" for i in large)
 
@@ -111,10 +106,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, zero elsewhere.
-
-    Where the diagonal is only rounding, its largest entry is used.
-    """
+    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, else zero."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)
@@ -132,8 +124,7 @@ def balance_multipliers(
     """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance `push` (k,).
 
     Multipliers balance `push` if (lam, p)'modes = push; `modes` (m * block + r, k) are slips and gaps in k motions.
-    Corrections are least squares: a larger weight allows a larger change. Multipliers that were cut at their bounds
-    change only along these bounds.
+    Corrections are least squares; a larger weight allows a larger change.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

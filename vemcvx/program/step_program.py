@@ -208,11 +208,7 @@ class StepProgram(ArrayRecord):
         return None if c.value is None or not problem.value > GAIN_TOLERANCE else np.asarray(N @ c.value)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return admissible multipliers (m, block) and (r,) of the increments `d`; compute lam or p if it is not given.
-
-        We solve K d = g - B'lam - D'p by least squares twice, and return the result of smaller gap. In the second
-        solve, the law fixes the multipliers of slipping terms, soft limits and open bounds.
-        """
+        """Return admissible multipliers (m, block) and (r,) of the increments `d`; compute those that are not given."""
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
         read = (self.admissible(*self._read_off(d, lam, p, lawful), d) for lawful in (False, True))
@@ -275,10 +271,7 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
-        """Return the certificate of increments with admissible multipliers, by the better of theorems 1 and 2.
-
-        The floor includes the rounding errors of the state `before` (n,) the step.
-        """
+        """Return the certificate of increments after the state `before` (n,), by the better of theorems 1 and 2."""
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
@@ -297,10 +290,7 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move v that removes slips and excesses that count as zero.
-
-        A slip stays if its part of the duality gap is less than |v|_K^2, where v is the least move that removes it.
-        """
+        """Return the certificate by theorem 2, with a move v that removes slips and excesses that count as zero."""
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         met, size = operators.compliance * p, lengths(s)
         near = ((p > 0) | (z > 0)) & (np.abs(z - met) <= lacks)
@@ -370,10 +360,7 @@ class StepProgram(ArrayRecord):
         return moved
 
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
-        """Return increments (n,) within the `rigid` limits, by projections in the energy norm.
-
-        Each round replaces d by the nearest point d - K^{-1}D'q that satisfies all rows violated so far, with q >= 0.
-        """
+        """Return increments (n,) within the `rigid` limits, by projections in the energy norm onto violated rows."""
         from scipy.optimize import nnls
 
         rows = np.zeros(0, dtype=np.int64)

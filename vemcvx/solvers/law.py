@@ -109,10 +109,7 @@ MOST_EVALUATIONS = 200
 
 
 def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
-    """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law.
-
-    `size` (m,) are lengths of predicted forces. The solution is unique, because w(p, r) + shift r grows with r.
-    """
+    """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law."""
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size
     if (above <= 0.0).all():

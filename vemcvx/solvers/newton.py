@@ -229,10 +229,7 @@ class Search:
         return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
-        """Correct with the factors of a system; return the point, its sets and the error of the law.
-
-        If the sets do not hold a floating body, the error is infinite.
-        """
+        """Correct with the factors of a system; return the point, its sets and the error of the law."""
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
         for _ in range(MAX_CORRECTIONS):

@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 
 from vemcvx.base.arrays import Floats
-from vemcvx.base.errors import WARNING_FRACTION
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
@@ -30,15 +29,6 @@ class Course:
     values: Floats  # (q, k) weighted sums of data, relative to their largest size
     bends: Floats  # (b,) instants of bends, turns and jumps; a jump has two, at most JUMP_WIDTH apart
     jumps: tuple[str, ...]  # one sentence for each jump
-
-    def find_missed(self, times: Floats) -> Floats:
-        """Return the bends (c,) in steps where linear interpolation misses data by over a twentieth of their size."""
-        known = self.values[np.abs(self.times - times[:, None]).argmin(axis=1)]
-        lines = np.column_stack([np.interp(self.times, times, datum) for datum in known.T])
-        far = np.searchsorted(times, self.times[np.abs(self.values - lines).max(axis=1) > WARNING_FRACTION])
-        inside = inside_steps(times, self.bends)
-        found: Floats = inside[np.isin(np.searchsorted(times, inside), far)]
-        return found
 
 
 def sample_course(system: System, times: Floats) -> Course:
@@ -61,10 +51,7 @@ def sample_course(system: System, times: Floats) -> Course:
 
 
 def subdivide(times: Floats, least: int, in_all: int) -> Floats:
-    """Split each step into at least `least` equal parts, and the run into at least `in_all`; return the instants.
-
-    Steps across a jump are not split.
-    """
+    """Split steps into at least `least` parts, and the run into at least `in_all`; steps across jumps remain."""
     span = times[-1] - times[0]
     parts = []
     for a, b in pairwise(times):

@@ -22,15 +22,11 @@ STABLE_RATIO = 0.999
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
-    """Raise NotCertified if the state after step `n` misses the solver's accuracy.
-
-    If the user gave no solver, an error at the rounding floor is accepted. Raise SceneError if limits contradict each
-    other.
-    """
+    """Raise NotCertified if the state after step `n` misses the accuracy; name limits that contradict each other."""
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # The relative rounding floor also estimates the error of K^{-1}; above .1 the certificate is void.
+    # If the user gave no solver, an error at the rounding floor is accepted. A floor above .1 voids the certificate.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")

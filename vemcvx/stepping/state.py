@@ -216,11 +216,7 @@ class State:
 
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """Recover all unknowns of states that lack the interior unknowns, and certify these states on the full system.
-
-    The equilibrium part of a certificate becomes the energy of the residual r = load - B'lam - D'p - K y of all
-    unknowns. It is zero if r is only rounding. If it is too large, interior unknowns are corrected once.
-    """
+    """Recover all unknowns of states that lack the interior unknowns, and certify these states on the full system."""
     if not states:
         return []
     condensation, system, accuracy, m = run.condensation, run.system, run.solver.accuracy, run.operators.count
@@ -236,6 +232,7 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in states]))
     y = condensation.complete(xi, kept)
+    # Residuals that are only rounding count as zero; interior unknowns are corrected once if residuals are too large.
     r, rounding = residual(y), condensation.full.rounding(size, np.abs(y))
     energies, floors = np.zeros(len(states)), condensation.full.energies_of_rounding(rounding)
     if (np.abs(r) > rounding).any():

@@ -50,8 +50,6 @@ def test_sides_of_a_box_are_named_by_position_unless_boundaries_are_given():
     assert mesh.boundaries["boundary"].tolist() == [[0, 1], [1, 2], [2, 3], [3, 0]]
     named = PolygonMesh(SQUARE, HALVES, boundaries={"floor": [(0, 1)]})
     assert list(named.boundaries) == ["floor", "boundary"]
-    with_one_more = mesh.with_boundary("floor", lambda x: x[:, 1] == 0)
-    assert set(with_one_more.boundaries) == {*sides, "floor", "boundary"}
     angle = 2 * np.pi * (np.arange(12) + 0.25) / 12
     assert list(PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(12)]).boundaries) == ["boundary"]
 

@@ -76,16 +76,6 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, passes):
     assert measure_slenderness(mesh) < FATTEST[family]
 
 
-@pytest.mark.long
-def test_short_voronoi_edges_do_not_make_slender_children():
-    mesh = vx.meshes.voronoi(5, shortest=0.0, seed=19)
-    assert measure_edges(mesh).min() < 1e-2 * mesh.h
-    for _ in range(4):
-        mesh = mesh.refine()
-        PolygonMesh(mesh.points, mesh.cells)
-        assert measure_slenderness(mesh) < 10
-
-
 @pytest.mark.parametrize("make", [vx.meshes.squares, vx.meshes.triangles, vx.meshes.cubes, tetrahedra])
 def test_uniform_refinement_gives_the_mesh_of_half_the_size(make):
     mesh, fine = make(3).refine(), make(6)

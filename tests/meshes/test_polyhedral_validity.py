@@ -166,13 +166,10 @@ def test_tiny_edges_are_valid():
         assert_valid(points, [faces], 1.0 - tiny**3 / 6)
 
 
-def test_flat_cells_and_faces_of_any_type_are_valid():
+def test_flat_cells_and_cells_in_arrays_are_valid():
     mesh = vx.meshes.tetrahedra((3, 3, 1), ((0, 1), (0, 1), (0, 1e-7)))
     assert_valid(mesh.points, mesh.cells, 1e-7)
-    for kind in (list, tuple, np.array):
-        assert PolyhedralMesh(CUBE, (tuple(kind(face) for face in FACES),)).volumes == 1.0
-    for dtype in (np.int32, np.uint8, np.int64):
-        assert PolyhedralMesh([*CUBE, *NEXT], np.array([FACES, RIGHT], dtype=dtype)).n_faces == 11
+    assert PolyhedralMesh([*CUBE, *NEXT], np.array([FACES, RIGHT], dtype=np.uint8)).n_faces == 11
 
 
 @pytest.mark.long

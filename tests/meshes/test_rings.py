@@ -55,7 +55,7 @@ def test_invalid_rings_are_refused():
         (lambda: ring([-1.0, 1.0], 4), "^ring: radii must be"),
         (lambda: ring([0, 1e61], 9), r"^ring: radii must be .* from 0 to 1e\+60; got"),
         (lambda: ring([0, 1], 9, angles=(0.0, 7.0)), "^ring: angles must be"),
-        (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be at least 2"),
+        (lambda: ring([0, 1], 1, angles=(0.0, np.pi)), "^sectors must be .* at least 2"),
     ):
         with pytest.raises(vx.MeshError, match=subject):
             make()

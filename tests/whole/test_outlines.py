@@ -12,14 +12,14 @@ from vemcvx.base.table import Table
 
 SCREEN = 30, 140
 """Numbers of lines and of columns."""
-NAMES = "history", "contact", "trajectory", "program", "certificate", "scene", "mesh"
+NAMES = "history", "contact", "trajectory", "program", "certificate", "scene"
 LONG = "budget", "bound", "whole", "of", "adapted"
 """Results that take seconds to compute."""
 
 
 @pytest.fixture(scope="module")
 def shown():
-    scene, mesh = paper_scene(), vx.meshes.squares(6).with_cell_data("<soil>", np.arange(36.0))
+    scene, mesh = paper_scene(), vx.meshes.squares(6)
     history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 33))
     made = {
         "history": lambda: history,
@@ -33,7 +33,6 @@ def shown():
         "of": lambda: vx.error_bound(history, step=-1, of=vx.Traction((1.0, 0.0), on="left")),
         "adapted": lambda: vx.adapt(scene, vx.meshes.squares(4), times=[0, 0.5, 1], target=0.2),
         "scene": lambda: scene,
-        "mesh": lambda: mesh,
     }
     return cache(lambda name: made[name]())
 

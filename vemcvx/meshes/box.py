@@ -81,14 +81,10 @@ def check_box(box: Any, dimension: int = 2) -> Box:
     return Box(tuple(low), tuple(high))
 
 
-def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
-    """Return a whole number from ``least`` to ``most``, or raise MeshError."""
-    if not is_whole(value):
-        raise MeshError(f"{name} must be a whole number; got {value!r}.")
-    if value < least:
-        raise MeshError(f"{name} must be at least {least}; got {value!r}.")
-    if value > most:
-        raise MeshError(f"{name} must be at most {most:g}; got {brief(value)}.")
+def check_whole(name: str, value: Any, least: int = 1) -> int:
+    """Return a whole number that is at least ``least``, or raise MeshError."""
+    if not is_whole(value) or not least <= value <= 1e100:
+        raise MeshError(f"{name} must be a whole number, at least {least}; got {brief(value)}.")
     return int(value)
 
 
@@ -101,8 +97,7 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
     if is_list(n) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
         if len(n) != len(names):
-            several = {2: "pair", 3: "triple"}[len(names)]
-            raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {brief(n)}.")
+            raise MeshError(f"n must be a whole number or ({', '.join(names)}); got {brief(n)}.")
         counts = [check_whole(name, value) for name, value in zip(names, n, strict=True)]
     else:
         along_x, along_y, *above = _cells_along(n, box.lengths, size)

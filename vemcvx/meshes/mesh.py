@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, read_only
 from vemcvx.base.errors import MeshError, MeshWarning
-from vemcvx.base.outline import Outline, in_a_line
 from vemcvx.meshes import polygons
 from vemcvx.meshes.box import (
     SIDES,
@@ -420,11 +419,6 @@ class Mesh(ABC):
         return (
             f"{type(self).__name__}({self.n_cells} cells, {self.n_nodes} nodes, h = {self.h:.4g}, boundaries: {names})"
         )
-
-    def _repr_html_(self) -> str:
-        names = [(f'"{name}"', f"{len(parts)} {self.PARTS}") for name, parts in self.boundaries.items()]
-        data = [(name, in_a_line(values)) for name, values in self.cell_data.items()]
-        return Outline(f"{type(self).__name__}: {self.n_cells} cells, h = {self.h:.4g}", [*names, *data]).html()
 
 
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:

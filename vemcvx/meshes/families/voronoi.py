@@ -21,7 +21,6 @@ import numpy as np
 from vemcvx.base.arrays import SAME, SINGLE_EPS, Floats, Ints, is_real
 from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import (
-    MOST_CELLS,
     UNIT_BOX,
     UNIT_CUBE,
     Box,
@@ -31,6 +30,7 @@ from vemcvx.meshes.box import (
     SpaceCount,
     cell_counts,
     check_box,
+    check_total,
     check_whole,
     move_into_box,
 )
@@ -87,8 +87,8 @@ def voronoi(
     20
     """
     rectangle = check_box(box)
-    counts = cell_counts(n, rectangle, size) if cells is None else (check_whole("cells", cells, most=MOST_CELLS),)
-    count = math.prod(counts)
+    count = math.prod(cell_counts(n, rectangle, size)) if cells is None else check_whole("cells", cells)
+    check_total(count)
     if not is_real(shortest) or not 0.0 <= shortest <= 0.1:
         raise MeshError(f"shortest must be a number in [0, 0.1]; got {shortest!r}.")
     sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))

@@ -80,9 +80,3 @@ def test_splitting_friction_into_two_effects_keeps_the_error_bound():
     one, two = rubbed(1.5), rubbed(1.0, 0.5)
     assert two.upper == pytest.approx(one.upper)
     assert two.potential == pytest.approx(one.potential)
-
-
-def test_two_compliant_obstacles_on_an_edge_have_no_bound():
-    pads = vx.NormalCompliance(10.0, on="bottom"), vx.NormalCompliance(20.0, on="bottom", gap=0.1)
-    with pytest.raises(vx.SceneError, match=r"no bound if NormalCompliance on bottom .* give each"):
-        bounded(STEEL, vx.Clamp(on="top"), vx.Traction(grows(1.0, 0.0), on="left"), *pads)

@@ -6,24 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from test_error_bound import STEEL
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Effect, Friction
 
 pytestmark = pytest.mark.arithmetic
-
-
-@dataclass(frozen=True)
-class Stiffness(Effect):
-    """A user's stiffness: springs to the ground at all nodes."""
-
-    def contribute(self, space):
-        return Contribution(stiffness=sp.csr_matrix(20.0 * sp.eye_array(2 * space.mesh.n_nodes)))
-
-    def describe(self):
-        return "Stiffness"
 
 
 @dataclass(frozen=True)
@@ -48,7 +36,6 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        ((STEEL, Stiffness()), "no bound with springs to the ground"),
         # A check of nonzero forces alone would miss this friction, because its weight is zero.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
         (
@@ -64,16 +51,6 @@ def test_scenes_without_a_bound_are_refused(effects, message):
     history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
     with pytest.raises(vx.SceneError, match=message):
         vx.error_bound(history, step=-1)
-
-
-@pytest.mark.long
-def test_coulomb_friction_that_is_zero_at_nodes_has_a_bound_for_the_given_friction():
-    """The bound does not hold for the scene itself, in which friction acts between nodes."""
-    between = vx.CoulombFriction(lambda x, t: np.where(x[:, 0] % 0.5 > 0.01, 0.5, 0.0), on="bottom")
-    load = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), on="top")
-    scene = vx.Scene(STEEL, vx.Clamp(on="left"), load, vx.UnilateralContact(on="bottom"), between)
-    bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0]), step=-1)
-    assert bound.kind == "bound for the given friction"
 
 
 def waves(x, t):

@@ -35,14 +35,6 @@ def test_polynomials_of_degree_five_are_integrated_exactly(family):
     assert odd.absolute == pytest.approx(np.sqrt(1 / 12), rel=1e-12)
 
 
-def test_the_errors_of_a_parabola_on_one_square_are_exact():
-    """The projection of u_1 = x^2 is x, so that int C (2x - 1)^2 = C / 3 and int (x^2 - x)^2 = 1 / 30."""
-    mesh = vx.meshes.squares(1)
-    one = field(mesh, along(mesh.points[:, 0] ** 2)(2))
-    assert vx.measures.energy_error(one, lambda x, t: along(2 * x[:, 0])(3)).absolute == pytest.approx(np.sqrt(C / 3))
-    assert vx.measures.l2_error(one, lambda x, t: along(x[:, 0] ** 2)(2)).absolute == pytest.approx(np.sqrt(1 / 30))
-
-
 def test_affine_fields_have_no_error_and_bodies_at_rest_have_the_whole_norm(family):
     mesh = small(family)
     G = np.array([[0.3, 0.2], [-0.1, 0.4]])

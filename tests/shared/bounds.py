@@ -119,15 +119,6 @@ def integrate_error(values, strain):
     return float(np.sqrt(squared))
 
 
-def distance(coarse, fine, step=-1, of_fine=-1):
-    """Return |v - v_f|_a for displacements v, v_f of two histories, and the error bound of the finer history."""
-    k, m = coarse.row(step), fine.row(of_fine)
-    circle, ahead = circle_of(coarse), circle_of(fine)
-    now = instant(fine, m)
-    found = error_from(ahead, now.u, now.t, lambda x: strain_at(circle, coarse.displacement[k], now.t, x))
-    return found, ahead.pair(now, instant(fine, m - 1)).upper
-
-
 def enriched_bound(pair):
     """Return a bound of |u - v - w|_a: u is the solution, v + w the enriched displacement."""
     A2 = pair.circle.squares(pair.richer).sum()

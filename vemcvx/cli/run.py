@@ -190,8 +190,7 @@ class Run:
         def show_estimate(now: Any) -> None:
             show(f"adapting, {now.unknowns} unknowns and {count_steps(now.steps)}, error {now.total:.1%}", 0, None)
 
-        estimate = "bound" if self.bound else "residual"
-        found = posed.adapt(posed.times[1:], target, progress=show_estimate, of=self.of, estimate=estimate)
+        found = posed.adapt(posed.times[1:], target, progress=show_estimate, of=self.of)
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
@@ -207,9 +206,9 @@ class Run:
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
             left = ", ".join(given)
             raise ProblemError(f"{found[0]}: {problem.name} has stages with their own instants; leave out {left}.")
-        fixed = self.resume or self.store != "all" or self.linear is not None or not self.condense
+        fixed = self.bound or self.resume or self.store != "all" or self.linear is not None or not self.condense
         if self.target is not None and fixed:
-            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
+            raise ProblemError("--target: adaptive runs take no --bound, --resume, --store, --linear, --no-condense.")
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.plot or self.report:

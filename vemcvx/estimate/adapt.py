@@ -20,11 +20,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import Bools, Floats, Ints, brief, check_takes, choice, is_real, largest, part
+from vemcvx.base.arrays import Bools, Floats, Ints, brief, check_takes, is_real, largest, part
 from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.base.outline import Outline, Outlined
-from vemcvx.bound.error_bound import ErrorBound, bound_steps, pairs_of
-from vemcvx.bound.hypercircle import hypercircle
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.estimate.budget import ErrorBudget, budget_of, estimate_time_error
 from vemcvx.estimate.finer_steps import Finer, compare_finer_steps
@@ -149,8 +147,6 @@ class Adapted(Outlined):
         The requested relative error.
     of : {"energy", "dissipated", "work", "wear"}
         The target quantity. For the last three, `history.quantities` has values and errors.
-    bound : ErrorBound or None
-        With ``estimate="bound"``, the bound of the last pass, which also gives `budget.space` and `budget.cells`.
 
     Examples
     --------
@@ -165,7 +161,6 @@ class Adapted(Outlined):
     passes: tuple[Pass, ...]
     target: float
     of: str = "energy"
-    bound: ErrorBound | None = None
 
     @property
     def met(self) -> bool:
@@ -211,7 +206,6 @@ def adapt(
     initial: ArrayLike | str | Projected | None = None,
     most_unknowns: int = 400_000,
     progress: Callable[[Pass], None] | None = None,
-    estimate: str = "residual",
 ) -> Adapted:
     """Simulate on an adaptive mesh with adaptive steps, such that the estimated relative error is at most `target`.
 
@@ -238,10 +232,6 @@ def adapt(
         A pass that is expected to have more unknowns does not begin, even if the target is not met.
     progress : callable, optional
         Called with each finished :class:`Pass`.
-    estimate : {"residual", "bound"}
-        The measure of the mesh error: an estimate, or a guaranteed bound on the error of a step, given the step before
-        (:func:`vemcvx.error_bound`). The bound takes longer, and is for displacements: the error of stresses in cells
-        may be larger. The time error is estimated in either case.
 
     Returns
     -------
@@ -278,19 +268,16 @@ def adapt(
             "adapt: found an array of initial displacements, which fits one mesh only; give None, 'equilibrium', "
             "'settled' or vx.projected(u_0)."
         )
-    bounded = choice(estimate, "adapt", "estimate", ("residual", "bound")) == "bound"
-    if bounded and of != "energy":
-        raise SceneError(f"adapt: found estimate='bound' and of={of!r}; bounds exist for the energy norm only.")
     wanted = check_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
-    aim = _Aim(target, of, bounded, initial, wanted, solver=_relax(solver, target))
+    aim = _Aim(target, of, initial, wanted, solver=_relax(solver, target))
     passes, start = list[Pass](), time.perf_counter()
     aim, instants = _begin(scene, mesh, aim)
     while True:
-        posed, history, bound = _simulate_pass(scene, mesh, instants, aim, start)
+        posed, history = _simulate_pass(scene, mesh, instants, aim, start)
         finer = estimate_time_error(posed, history.trajectory)
-        budget = _budget(posed, history, bound, aim, finer)
+        budget = budget_of(posed, history, [history.row(n) for n in aim.steps(instants).tolist()], finer)
         history, lost, parts, indicators = _measure_pass(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
@@ -307,7 +294,7 @@ def adapt(
         done = done or (of != "energy" and has_stalled(passes))
         # A refined cell becomes four cells; in space it is bisected together with about three neighbours.
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
-            return _make_result(posed, history, (budget, bound), aim, passes)
+            return _make_result(posed, history, budget, aim, passes)
         start = time.perf_counter()
         mesh, instants = mesh.refine(marked) if marked.any() else mesh, split
 
@@ -318,7 +305,6 @@ class _Aim:
 
     target: float
     of: str
-    bounded: bool
     initial: str | Projected | None
     wanted: Floats
     """given instants"""
@@ -344,20 +330,14 @@ def _choose_evenly(instants: Floats, most: int) -> Floats:
     return instants if few else instants[np.linspace(0, len(instants) - 1, most).round().astype(int)]
 
 
-def _simulate_pass(
-    scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float
-) -> tuple[PosedScene, History, ErrorBound | None]:
-    """Simulate a pass that began at the clock time `start`, and bound the error of the examined steps if requested."""
+def _simulate_pass(scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float) -> tuple[PosedScene, History]:
+    """Simulate a pass that began at the clock time `start`."""
     posed = pose_scene(scene, mesh, instants.tolist())
-    circle, steps = hypercircle(posed) if aim.bounded else None, aim.steps(instants)
-    kept = np.union1d(np.searchsorted(instants, aim.stored), steps - 1 if aim.bounded else steps).tolist()
+    kept = np.union1d(np.searchsorted(instants, aim.stored), aim.steps(instants)).tolist()
     begun = free_unknowns(aim.initial, posed, instants)
     trajectory = march(posed.system, instants, solver=aim.solver, initial=begun, store=kept)
     assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
-    history = History.from_results(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
-    if circle is None:
-        return posed, history, None
-    return posed, history, bound_steps(history, steps.tolist(), pairs_of(circle, history, steps.tolist()))
+    return posed, History.from_results(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
 
 
 def _measure_pass(
@@ -378,18 +358,16 @@ def _measure_pass(
 def _make_result(
     posed: PosedScene,
     history: History,
-    judged: tuple[ErrorBudget, ErrorBound | None],
+    budget: ErrorBudget,
     aim: _Aim,
     passes: Sequence[Pass],
 ) -> Adapted:
     """Return the result of the last pass; its budget is in the energy norm for any target quantity."""
-    budget, bound = judged
     target = {"target": aim.target} if aim.of == "energy" else {}
-    known = {} if bound is None else bound.as_fields()
-    history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes), **known)
+    history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes))
     warn_of_lost_work(history.trajectory)
     warn_of_large_strains(posed, history)
-    return Adapted(history=history, budget=budget, passes=tuple(passes), target=aim.target, of=aim.of, bound=bound)
+    return Adapted(history=history, budget=budget, passes=tuple(passes), target=aim.target, of=aim.of)
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
@@ -417,16 +395,6 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
     keys = set.intersection(*(set(one.extremes) for one in passes))
     found = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
     return {key: words for key, words in found.items() if words}
-
-
-def _budget(posed: PosedScene, history: History, bound: ErrorBound | None, aim: _Aim, finer: Finer) -> ErrorBudget:
-    """Return the budget at the examined steps, with the error bound in place of residuals if there is one."""
-    rows = [history.row(int(n)) for n in aim.steps(history.trajectory.times)]
-    budget = budget_of(posed, history, rows, finer)
-    if bound is None:
-        return budget
-    unit = budget.scale or float(bound.upper.max()) or 1.0
-    return replace(budget, space=bound.upper / unit, cells=np.sqrt(bound.cells) / unit)
 
 
 def _next(now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float) -> tuple[Bools, Floats]:

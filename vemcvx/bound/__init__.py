@@ -33,18 +33,7 @@ proves the third. For the fourth, J(v) - J(u) = |e|^2 / 2 + (a number >= 0, by (
 the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Put u + w and u
 - w into (1) for v: (sigma, eps(w)) = l(w). So R(w) = a(e, w). For the second inequality, minimise J(v + s w) over s.
 
-**Theorem 3** (quantities). A linear quantity of u is the work of a load on u. For this load alone, take a second pair:
-the displacement z_h and the stress tau_z. Its number A is A_z. If z_h and the tractions of tau_z vanish where friction
-and obstacles act, the quantity is in an interval of half width A_z (A^2 / 4 + b)^{1/2} around a number computed from
-both pairs (:mod:`.quantity`).
-
-**Theorem 4** (whole histories, for friction with a given bound only). Let data be linear in time between the instants
-of the run, and let the exact history begin like the run. Let v_n and r_n be v and r at instant n, and D_n the defect
-of Tresca's law in step n for the friction of tau and the slip of v. Then
-
-    |tau - sigma|  <=  y_n  =  (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,    |u - v_n|_a  <=  y_n + |r_n|.
-
-Proof, and the assumptions on the start: :mod:`.whole_history`.
+**Theorem 3** bounds quantities (:mod:`.quantity`), **Theorem 4** whole histories (:mod:`.whole_history`).
 
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
 estimate, and its `kind` names this estimate (:mod:`.reading`).

@@ -25,15 +25,12 @@ error of a displacement v. Let T be a triangle on e with apex a and height d. Th
 In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of a box that has
 the same second moments as the cell.
 
-Jumps of tractions miss errors of eps_ss, the strain along an edge. On a rectangle, eps_ss(u) - eps_ss(Pi u) is a
-variation of strain that causes no jumps. On stretched cells, the stabilisation weights this variation too little. Let
-l_e be the width of the cell along the edge; then |K| / l_e is the cross-section of the cell. The sum over parallel
-edges is the energy of a bar with the modulus E and a strain that is linear between these edges.
+l_e is the width of the cell along the edge, so that |K| / l_e is its cross-section. The sum over parallel edges is the
+energy of a bar with the modulus E and a strain that is linear between these edges: on a rectangle, eps_ss(u) -
+eps_ss(Pi u) causes no jumps.
 
-In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices, because the stabilisation there
-is much larger than the energy of u - Pi u. The pressure q is constant in cells, and minimises the sum of the squares
-that contain q. Any q is admissible: it changes the residual by (q, div v), which is at most the C^{-1} norm of q I
-times the energy norm of v. In nearly incompressible bodies, q makes the estimate sharper.
+In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices. The pressure q is constant in
+cells, and minimises the sum of the squares that contain q; any q is admissible.
 
 The contact force of a node is distributed over its sides e in proportion to int_e phi_i. t_e is the mean of the
 traction t over a side; f_K, C_K and sigma_0K are values of a cell. The integral of a square over a cell is |K| / 3

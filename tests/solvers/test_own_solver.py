@@ -1,6 +1,5 @@
 """User-defined solvers: any object with solve(program, target), in Python and on the command line."""
 
-import json
 from operator import attrgetter
 
 import numpy as np
@@ -104,21 +103,6 @@ def test_a_third_parameter_receives_the_last_multipliers_and_parameters_may_have
     assert received[-1].any()
 
 
-class Plain(vx.Solver):
-    """A solver class of a user, derived from vx.Solver but no dataclass, with Newton's answers."""
-
-    accepts = frozenset({QUADRATIC, ABSOLUTE_VALUES})
-
-    def __init__(self, accuracy):
-        self.accuracy = accuracy
-
-    def prepare(self, operators):
-        return self
-
-    def solve(self, program, target, lam, p=None):
-        return vx.Newton().prepare(program.operators).solve(program, target, lam, p)
-
-
 @mostly_long("mesh", [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"])
 def test_increments_suffice_where_rows_share_unknowns(mesh):
     """Two rough sides meet. Forces computed from d obey their bounds, and |d - d*| is a rounding error."""
@@ -194,13 +178,3 @@ def test_only_solvers_that_declare_semidefinite_receive_a_singular_matrix():
     assert vx.simulate(*problem, solver=solver, initial="settled").certificate.max() <= 1e-6
     with pytest.raises(vx.NotAccepted, match="^solver Mine: only friction and contact hold a body"):
         vx.simulate(*problem, solver=Mine(solver=vx.Clarabel()), initial="settled")
-
-
-def test_a_solver_class_need_not_be_a_dataclass(tmp_path):
-    history = run(Plain(3e-7), times=(0.0, 0.5, 1.0))
-    history.write(tmp_path / "out")
-    assert history.solver == "Plain(accuracy=3e-07)"
-    assert history.certificate.max() <= 3e-7
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"] == 3e-7
-    assert vx.read_history(tmp_path / "out").trajectory.accuracy == 3e-7
-    assert Plain(1e-9).with_accuracy(1e-4).accuracy == 1e-4

@@ -98,17 +98,6 @@ def test_wrong_laws_are_refused(name):
         simulate(law, contact=contact[0] if contact else TOUCHING, load=load)
 
 
-def block(distance):
-    """Return the scene of a block sheared over a floor, with friction that falls by 0.6 over a distance."""
-    return vx.Scene(
-        vx.Elasticity(26.0, 0.3),
-        vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.0], on="top"),
-        vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0)),
-        TOUCHING,
-        SlipWeakening(1.0, 0.4, distance, on="bottom"),
-    )
-
-
 @pytest.mark.long
 def test_friction_in_space_falls_with_the_length_of_the_path():
     """A block is sheared along a circle: friction falls with the length of the path, equally at all nodes."""
@@ -162,8 +151,6 @@ def test_friction_acts_along_any_given_direction():
 def test_error_budgets_refuse_laws_of_slip():
     with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights depend on slip"):
         vx.error_budget(simulate(Law(weakening, 30.0)))
-    with pytest.raises(vx.SceneError, match="adapt: there is no estimate for SlipWeakening"):
-        vx.adapt(block(0.1), vx.meshes.squares(4), [0.0, 1.0], target=0.1)
 
 
 # An independent program: cvxpy minimises the energy of each step, and weights are updated until nothing changes.

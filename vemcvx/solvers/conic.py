@@ -72,12 +72,6 @@ SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
 RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
 """Tolerance of OSQP's residuals."""
 
-_ECOS = (
-    Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
-    Setting("reltol", TIGHT, "by default, 1e-8, certified 5e-5"),
-    Setting("feastol", GapTolerance(TARGET_FRACTION, 1e-10, power=0.5), "residuals enter the gap squared"),
-)
-
 TUNED: Mapping[str, tuple[Setting, ...]] = {
     "CLARABEL": (
         Setting("tol_gap_abs", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from the certificate's gap"),
@@ -120,8 +114,11 @@ TUNED: Mapping[str, tuple[Setting, ...]] = {
         Setting("abstol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
         Setting("reltol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
     ),
-    "ECOS": _ECOS,
-    "ECOS_BB": _ECOS,
+    "ECOS": (
+        Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
+        Setting("reltol", TIGHT, "by default, 1e-8, certified 5e-5"),
+        Setting("feastol", GapTolerance(TARGET_FRACTION, 1e-10, power=0.5), "residuals enter the gap squared"),
+    ),
     "PROXQP": (
         Setting("eps_abs", TIGHT, "by default, 1e-8, certified 2e-4"),
         Setting("warm_start", False, "a warm start fails if there are limits"),

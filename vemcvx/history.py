@@ -1,4 +1,4 @@
-"""The results of a simulation, with a summary, tables, probes and files.
+"""The results of a simulation, with a summary, tables and files.
 
 Stresses are positive in tension, contact pressures in compression. Forces of friction and reactions act on the body.
 """
@@ -233,13 +233,7 @@ class History(Results, Outlined):
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
     def write(self, folder: str | Path) -> Path:
-        """Write the history to a folder: see :mod:`vemcvx.results.files`.
-
-        Raises
-        ------
-        HistoryError
-            The folder cannot be written to, or foreign files have these names.
-        """
+        """Write the history to a folder, in which no foreign file is replaced: see :mod:`vemcvx.results.files`."""
         return write_results(self, folder)
 
 

@@ -163,9 +163,7 @@ def stressed_body(
         raise HistoryError(f"mirrors: found {brief(mirrors)}; wanted pairs of signs, such as [(-1, 1)].")
     seen = within(mesh.centroids, window)
     if not seen.any():
-        (left, right), (bottom, top) = np.transpose([mesh.points.min(axis=0), mesh.points.max(axis=0)])
-        body = f"(({left:.4g}, {right:.4g}), ({bottom:.4g}, {top:.4g}))"
-        raise HistoryError(f"window: found {brief(window)}, which shows no cell; the body is within {body}.")
+        raise HistoryError(f"window: found {brief(window)}, which shows no cell of the body.")
     words, values = _stresses(history, stress)
     shown = [found[seen] for found in values]
     row = _row(history, step, shown)

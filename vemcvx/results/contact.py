@@ -251,9 +251,8 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip stays
-    constant in the step. If the start of the step is not stored, such a node sticks if the solver needed no iteration.
-    If friction acts only along a line, rule 1 holds along this line, and rule 2 across the line.
+    1. A node with friction has the state of the certified answer. 2. A node without friction, or across the only line
+    of its friction, sticks if its slip stays constant; if the start is not stored, if the solver did not iterate.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)

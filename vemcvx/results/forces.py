@@ -48,9 +48,8 @@ NOWHERE, ACROSS = -1, -2
 class BoundaryForces(ArrayRecord):
     """The forces of effects on nodes, through the sides that meet there: q rows, S stored instants.
 
-    `causes` (q, 2) are numbers of effects in `History.effects`; the second number is -1, unless two effects act on the
-    same side and their forces cannot be separated. `ends` (q, 2) are the node, and the other node of the side, or in
-    space the number of the face, or NOWHERE or ACROSS.
+    `causes` are numbers of effects in `History.effects`; the second is -1, unless two effects act on the same side.
+    `ends` are the node, and the other node of the side, or in space the number of the face, or NOWHERE or ACROSS.
     """
 
     causes: Annotated[Ints, "acting 2", ""]

@@ -24,15 +24,10 @@ class Extreme:
     value : float
     unit : str
         In words, such as "force/length²".
-    place : (dim,)
-        The node, or the centroid of the cell, where the value was reached first.
-    time : float
-        The instant of the value.
-    step : int
-        The step that ends at this instant.
+    place, time, step : (dim,) array, float, int
+        The node or the centroid of the cell, the instant, and the step where the value was reached first.
     unbounded : str
-        Why the value may depend on the mesh: it is at a corner or a point load (:mod:`vemcvx.results.corners`), or grew
-        from mesh to mesh; empty if no reason is known.
+        Why the value may grow as the mesh is refined (:mod:`vemcvx.results.corners`); empty if no reason is known.
     """
 
     key: str

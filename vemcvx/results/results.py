@@ -164,11 +164,6 @@ class Results(ActingForces):
         """Return the stresses (n_cells, 3) at a stored step, from the projection Pi u: xx, yy, xy, tension positive.
 
         In space they are (n_cells, 6): xx, yy, zz, xy, yz, xz. Stresses at zero strain are included.
-
-        Raises
-        ------
-        SceneError
-            That step was not stored.
         """
         return self.on_cells(step)["stress"]
 
@@ -176,11 +171,6 @@ class Results(ActingForces):
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
         It is 0 in plane stress. In a body of revolution, it is the hoop stress. A Prestress has no component zz.
-
-        Raises
-        ------
-        SceneError
-            That step was not stored, the material does not give this stress, or the body is in space (use `stress`).
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
@@ -204,11 +194,7 @@ class Results(ActingForces):
         return self.on_cells(step)["principal_stresses"]
 
     def on_cells(self, step: int) -> dict[str, Floats]:
-        """Return all cell fields of a stored step by name.
-
-        These are "stress", "principal_stresses", "strain_energy" (the density 1/2 eps : C eps) and, if known,
-        "out_of_plane_stress" and "von_mises".
-        """
+        """Return all cell fields of a stored step by name; "strain_energy" is the density 1/2 eps : C eps."""
         row = self.row(step)
         strain = strains(self._space, self.displacement[row])
         elastic = stresses(self.moduli, strain)

@@ -12,7 +12,7 @@ from vemcvx.base.table import Table
 
 SCREEN = 30, 140
 """Numbers of lines and of columns."""
-NAMES = "history", "contact", "trajectory", "program", "certificate", "scene"
+NAMES = "history", "contact", "trajectory", "program", "certificate"
 LONG = "budget", "bound", "whole", "of", "adapted"
 """Results that take seconds to compute."""
 
@@ -32,7 +32,6 @@ def shown():
         "whole": lambda: vx.error_bound(history),
         "of": lambda: vx.error_bound(history, step=-1, of=vx.Traction((1.0, 0.0), on="left")),
         "adapted": lambda: vx.adapt(scene, vx.meshes.squares(4), times=[0, 0.5, 1], target=0.2),
-        "scene": lambda: scene,
     }
     return cache(lambda name: made[name]())
 

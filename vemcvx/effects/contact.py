@@ -209,9 +209,8 @@ class VelocityContact(Effect):
     """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
 
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
-    pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea, *Quasistatic Contact Problems in
-    Viscoelasticity and Viscoplasticity*, 2002). In a step of length k, u' is (u - u_prev) / k. `history.dissipated`
-    includes the work of the dashpots. With `damping`, every initial state is admissible.
+    pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea 2002), whose work is part of
+    `history.dissipated`. In a step of length k, u' is (u - u_prev) / k.
 
     Parameters
     ----------

@@ -49,14 +49,6 @@ class Load:
         Quadrature weights times test functions; (n_u, q) for a scalar datum.
     value : constant, or callable f(x, t)
         The datum.
-    cells : (q,) array, optional
-        The cell of each point, for loads inside the body.
-    edges : (q, 2) array, optional
-        The edge of each point, for loads on the boundary.
-    times : tuple of float
-        The instants of the run, if they are known.
-    between : bool
-        True if the load consists of opposite forces of two bodies on each other.
 
     Examples
     --------
@@ -70,10 +62,10 @@ class Load:
     points: Floats
     matrix: sp.csr_matrix
     value: data.Datum
-    cells: Ints | None = None
-    edges: Ints | None = None
-    times: tuple[float, ...] = ()
-    between: bool = False
+    cells: Ints | None = None  # (q,) the cell of each point, for loads inside the body
+    edges: Ints | None = None  # (q, 2) the edge of each point, for loads on the boundary
+    times: tuple[float, ...] = ()  # the instants of the run, if they are known
+    between: bool = False  # True if the load consists of opposite forces of two bodies on each other
 
     @property
     def is_scalar(self) -> bool:
@@ -132,12 +124,6 @@ class Support:
         Positions of the nodes.
     value : callable t -> (m,), optional
         Prescribed components, length; None means zero at all times.
-    contact : bool
-        True for bilateral contact. At shared nodes, other supports in the same direction take precedence.
-    partners : (m,) array, optional
-        Nodes of other bodies, or -1. With a partner, components of u(node) - u(partner) are prescribed.
-    patterns : (m, k) array, optional
-        Linearly independent columns, one for each unknown amplitude in c.
 
     Examples
     --------
@@ -152,9 +138,9 @@ class Support:
     directions: Floats
     points: Floats
     value: Callable[[float], Floats] | None = None
-    contact: bool = False
-    partners: Ints | None = None
-    patterns: Floats | None = None
+    contact: bool = False  # True for bilateral contact: other supports in the same direction take precedence
+    partners: Ints | None = None  # (m,) nodes of other bodies, or -1: then u(node) - u(partner) is prescribed
+    patterns: Floats | None = None  # (m, k) linearly independent columns, one for each unknown amplitude in c
 
 
 @dataclass(frozen=True)
@@ -253,10 +239,6 @@ class Friction(ContactSurface):
         Additional weights, which depend on contact forces and slip.
     directions : (m, dim) array, optional
         Unit vectors e_i: terms are w_i |e_i . (v - v_prev)| instead.
-    bond : bool
-        True for a term that locks the amplitude of a support; it is not reported as contact.
-    ellipse : Ellipse, optional
-        For friction by direction in space: terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|.
 
     Examples
     --------
@@ -271,8 +253,8 @@ class Friction(ContactSurface):
     ground: Ground | None = None
     law: Law | None = None
     directions: Floats | None = None
-    bond: bool = False
-    ellipse: Ellipse | None = None
+    bond: bool = False  # True for a term that locks the amplitude of a support; it is not reported as contact
+    ellipse: Ellipse | None = None  # terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|
 
     def __post_init__(self) -> None:
         """Raise SceneError unless `directions` has one unit vector per row."""

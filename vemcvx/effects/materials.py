@@ -161,9 +161,9 @@ class Elasticity(_Elastic):
         radial components of resultants are sums around the turn. `history.out_of_plane_stress` is the hoop stress.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
-        the factor 2 mu: it does not lock, and results do not depend on units. "unit" has the factor 1, as in the paper.
+        the factor 2 mu and does not lock; "unit" has the factor 1, as in the paper.
     on : None, str or sequence of str
-        Names of cell data: the material fills the cells where at least one of them is nonzero. None is the whole body.
+        Names of cell data: the material fills the cells where one of them is nonzero. None is the whole body.
 
     Examples
     --------
@@ -453,7 +453,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as bodies. The stress acts where one of them is nonzero, by default everywhere.
+        Names of cell data, as for ThermalStrain: where the stress acts; by default everywhere.
 
     Examples
     --------

@@ -11,7 +11,6 @@ import scipy.sparse as sp
 
 from vemcvx.base.arrays import Floats, Ints, brief, drop_tails, read_only
 from vemcvx.base.errors import SceneError, VemcvxError
-from vemcvx.base.outline import Outline
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Material, MaterialLaw, Symmetry
 from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
@@ -260,10 +259,6 @@ class Scene:
 
     def __repr__(self) -> str:
         return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self.effects) + ")"
-
-    def _repr_html_(self) -> str:
-        outline = [effect.describe().partition(": ") for effect in self.effects]
-        return Outline("Scene", [(name, words) for name, _, words in outline]).html()
 
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scenes import FAMILIES, OF_TRIANGLES, mostly_slow
 
-import feng_han_huang as paper
 import manufactured_full_slip as slip
 import missed_reversal as reversal
 import vemcvx as vx
@@ -62,14 +61,3 @@ def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(family):
     at_end = [energy_distance(run, reference, kind="nodal").relative for run in runs]
     assert max(at_end[:2]) < 1e-8
     assert orders(1 / steps, at_end[2:]).slope == FIRST
-
-
-@pytest.mark.long
-def test_one_step_of_the_paper_scene_is_as_accurate_as_64_steps():
-    """Slip only spreads under a proportional load, so that runs agree within their certificates."""
-    mesh = paper.mesh(12, "voronoi")
-    many = vx.simulate(paper.scene(), mesh, paper.times(64))
-    for steps in (1, 3, 16):
-        few = vx.simulate(paper.scene(), mesh, paper.times(steps))
-        allowed = (few.certificate_total[-1] + many.certificate_total[-1]) + 1e-12
-        assert energy_distance(few, many, kind="nodal").relative < allowed

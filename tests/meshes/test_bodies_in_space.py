@@ -174,7 +174,11 @@ def test_invalid_interfaces_are_refused():
     extra = [[0, 1, 2, -1]]
     for edges, partners, subject in (
         (found.edges[:, [0, 2, 1]], found.partners[:, [0, 2, 1]], "same place"),
-        (np.append(found.edges, extra, axis=0), np.append(found.partners, extra, axis=0), r"\(0, 1, 2\) is not a face"),
+        (
+            np.append(found.edges, extra, axis=0),
+            np.append(found.partners, extra, axis=0),
+            r"\(0, 1, 2\) is not on the boundary",
+        ),
         (found.edges, found.partners[:, [2, 1, 0, 3]], "nodes 1 and 14 are partners .* but lie at"),
         (found.edges + 100, found.partners, r"edges and partners must be nodes 0 to 15 in arrays of one shape"),
     ):

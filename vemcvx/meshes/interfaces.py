@@ -150,9 +150,7 @@ def on_boundary(
         new = [interface.edges[there], interface.partners[there]]
         nodes, partners = new if node_map is None else [node_map[side] for side in new]
         number, beside = (matching_rows(offsets, vertices, rows, side) for side in (nodes, partners))
-        side, how = "a face", "Give faces of the first body by their vertices"
         if there.shape[1] == 2:
-            side, how = "an edge", "The edges of the first body run counter-clockwise about it"
             first = vertices[::2]
             number[first[number] != nodes[::2]] = -1
             beside[first[beside] != partners[1::2]] = -1
@@ -161,8 +159,8 @@ def on_boundary(
                 k = int(np.argmax(at < 0))
                 row = tuple(given[rows[k] : rows[k + 1]].tolist())
                 raise MeshError(
-                    f"interface {name!r}: {row} is not {side} of the boundary. {how}; partners are the nodes of the "
-                    "second body in the same places."
+                    f"interface {name!r}: {row} is not on the boundary. Edges of the first body run counter-clockwise "
+                    "about it; partners are the nodes of the second body in the same places."
                 )
         order, count = np.argsort(number), int(vertices.max()) + 1
         own_rows, own = rows_in_order(offsets, vertices, number[order])

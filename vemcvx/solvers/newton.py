@@ -24,7 +24,8 @@ operator (iterative linear solvers, very many rows), GMRES solves the system.
 Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
 Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
 solution. We take these steps if active sets recur, and in space after the first Newton step, too. A kernel enters by
-an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven.
+an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven: if sets recur,
+we first try four points between the last two points of Newton's method, and take the point of least error.
 """
 
 from __future__ import annotations
@@ -202,18 +203,21 @@ class Search:
         system = system or self._first_system(point)
         s, z = self.delassus.split(point.off)  # Negative z are open gaps, whose size says nothing about forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
-        seen, swept, last = set[bytes](), None, np.inf
+        seen, swept, cycles, last = set[bytes](), None, 0, np.inf
         while True:
-            point, sets, error = self._correct(point, system, least)
+            before, (point, sets, error) = point, self._correct(point, system, least)
             ends = self.count >= self.most or self.safeguards > MAX_SAFEGUARDS
             if error <= STEP_TOLERANCE or (error <= STALL_TOLERANCE and error > 0.5 * last) or ends:
                 return point, replace(system, sets=sets), error
             again = sets.key in seen and sets.key != system.sets.key
+            cycles += again
             seen.add(sets.key)
             starts = self.delassus.operators.block > 1 and swept is None
-            if starts or error == np.inf or again:
+            if starts or error == np.inf or (again and (self.law.is_monotone or cycles % 4 == 0)):
                 swept = point = self._sweep(swept if swept is not None and self.law.is_monotone else point)
                 sets = ActiveSets.at(self.delassus, point, self.law)
+            elif again:
+                point, sets = self._search_between(before, point)
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
@@ -252,6 +256,13 @@ class Search:
                 break
             last, w = error, new.w
         return point, new, error
+
+    def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
+        """Return the best of four points between `before` and `point`, and its active sets."""
+        dx, da = point.x - before.x, point.a - before.a
+        tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
+        found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
+        return min(found, key=lambda pair: pair[1].law_error(pair[0]))
 
     def _sweep(self, point: Point) -> Point:
         """Return a point nearer to the solution, by projected gradients.

@@ -97,7 +97,7 @@ def test_contact_on_opposite_sides_is_not_drawn():
     around = drag(vx.meshes.cubes(2), ("left", "right"))
     with pytest.raises(vx.HistoryError, match="contact goes round the body"):
         contact_face(around)
-    with pytest.raises(vx.HistoryError, match="contact_face: found on 'bottom'; there are 'obstacles'"):
+    with pytest.raises(vx.HistoryError, match="contact_face: there is no contact on 'bottom'; there is 'obstacles'"):
         contact_face(around, on="bottom")
     assert "contact_face: contact goes round the body" in omissions(around)[-1]
     assert "contact_face" not in draw_pictures(around, None)

@@ -57,8 +57,9 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     rows = {name: are_among(pairs, found.pairs) for name, found in mesh.interfaces.items()}
     rows["obstacles"] = contact.partners < 0
     known = [name for name, some in rows.items() if some.any()]
-    if on is not None:
-        known = [choice(on, "contact_face", "on", known, HistoryError)]
+    if on is not None and on not in known:
+        raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
+    known = known if on is None else [on]
     # A face is visible in one view if its normals agree. If they do not, the mean of the normals is short.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}

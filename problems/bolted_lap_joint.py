@@ -99,7 +99,7 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return the instants: a fifth of the steps, at least one, tighten the bolts; the others pull."""
+    """Return the instants: up to t = 1 a fifth of the steps, but at least one, then the other steps."""
     first = max(1, steps // 5)
     return np.append(np.linspace(0.0, 1.0, first + 1), np.linspace(1.0, 2.0, steps - first + 1)[1:])
 

@@ -30,8 +30,8 @@ dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
 x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
-as x grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. With the play operators
-play_r of that file
+as x grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. The play play_r(q) stays
+within r of q, and changes only if it must. With it
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
@@ -107,7 +107,7 @@ def node_lengths(mesh, on):
 def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
     """Return a membrane held on one part and pulled by the samples `pull` on another.
 
-    Friction acts where `rough` (n_nodes,), the areas or lengths of nodes, is positive.
+    `rough` (n_nodes,) has the areas or lengths on which friction acts at the nodes, zero at nodes without friction.
     """
     free = np.setdiff1d(np.arange(mesh.n_nodes), Space(mesh).part(held, "membrane").nodes)
     K = scalar_stiffness(mesh)[free][:, free]
@@ -138,7 +138,7 @@ def pose_on_table(mesh, pull):
 
 
 def solve_table_exactly(x, turns=TURNS, bound=BOUND):
-    """Return u and lambda (len(turns), len(x)) at turning points, if no slip zone exceeds the zone before it."""
+    """Return u and lambda at turning points, (len(turns), len(x)). No slip zone may exceed the zone before it."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
         # Friction rises from 0 to g in the first loading, and from -g to g after a reversal.

@@ -69,8 +69,8 @@ DEVIATIONS = (
     ),
     (
         "a^h(P^h u_0, v) = a(u_0, v), (2.11)",
-        "`vx.projected` takes the mean of C eps(u_0) over each cell, because v is virtual: an error O(h), zero for "
-        "linear u_0",
+        "`vx.projected` replaces C eps(u_0) by its mean over each cell, because only the mean strain of a virtual v "
+        "can be computed: an error O(h), zero for linear u_0",
         "none: the right side cannot be computed",
     ),
     (
@@ -274,8 +274,8 @@ def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
 def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[tuple[int, int, int, int, int, float]]:
     """Return a row of numbers for each number of elements.
 
-    A row has the number of elements; the numbers of nodes of polygons over the seeds (fewest, most, and without
-    collapsed edges); the number of nodes of triangles; and the longest side of a polygon.
+    A row has the number of elements, and four numbers of nodes: the fewest and the most of polygons over the seeds, of
+    polygons without collapsed edges, and of triangles. Its last number is the longest side of a polygon.
     """
     rows = []
     for count in counts:

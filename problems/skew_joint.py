@@ -89,7 +89,7 @@ def forces(history):
 
 
 def springs(history):
-    """Return S, the horizontal force of the springs on the upper block, up the slope, at the stored instants."""
+    """Return S, the horizontal force of the springs on the upper block, at the stored instants."""
     return forces(history)[:, :2] @ SLOPE / np.linalg.norm(SLOPE)
 
 

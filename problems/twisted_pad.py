@@ -3,8 +3,8 @@ r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, 
 The pad has the radius R, the height H = R/4 and the shear modulus G. The uniform pressure p acts on its top. From t = 0
 to 1 the top rotates about the axis by the angle t w. The floor is rigid, with the friction coefficient mu. With nu = 0,
 pressing does not widen the pad and twisting does not change the pressure, so the pressure on the floor stays p. The
-shear stress of a thin pad at the radius r is G r t w / H where it is below the bound mu p: inside the radius
-c = mu p H / (G t w). Outside of c the pad slips. The torque is
+shear stress of a thin pad at the radius r is G r t w / H if r < c = mu p H / (G t w). At larger radii the pad slips,
+and the shear stress is the bound mu p. The torque is
 
 $$
 T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{for } c \ge R.

@@ -6,11 +6,11 @@ t = 0, 1, 3, 5. The sides of both blocks are free along x only, so both blocks a
 and Tresca friction with the bound g act between the blocks. The friction traction q is the shear stress of both blocks,
 so the slip of the upper over the lower block is
 
-$$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2, $$
+$$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2. $$
 
-and in step n, q_n is (U_n - a_{n-1}) / C, clipped to the interval from -g to g: springs in series with a slider. A
-closed loop of the amplitude U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear in each block, so
-virtual elements reproduce the solution on any two meshes: only the solver and rounding cause errors.
+The blocks act like springs in series with a slider. In step n, q_n is (U_n - a_{n-1}) / C, clipped to the interval
+from -g to g. A closed loop of the amplitude U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear in
+each block, so virtual elements reproduce the solution on any two meshes: only the solver and rounding cause errors.
 
     vemcvx run problems/two_blocks_in_series.py --mesh nonconvex --n 4 --steps 40
 """

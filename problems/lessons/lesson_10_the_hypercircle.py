@@ -290,7 +290,8 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
 #    bound, and check it.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above the least energy. How are these two energies related to the circle?
+#    any $v$ is above the least energy. How is the energy of $v$, minus the complementary
+#    energy, related to the circle?
 # 3. Improve a bad $\tau$: add a state of force without a load. Choose the state that makes the bound smallest. How
 #    large is this bound?
 # 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. Which

@@ -31,8 +31,9 @@ def active_sets(program, gamma, rounds=40, start=None):
 
 # %% [markdown]
 # **1.** After (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$. The guess "sticks" needs
-# $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. Since $1/(K^{-1})_{22} = 1$, the `size` of this shift in the
-# lesson is also 2. (After (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
+# $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the flexibility
+# $(K^{-1})_{22}$, which is 1 here, so its cycle begins at the `size` 2. (After (back, back)
+# $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -72,10 +73,11 @@ assert count_guesses(0.0, 3.0, pushed) == 40
 
 # %% [markdown]
 # **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. It is pulled at
-# its free end by 0.705. A node that sticks holds its neighbour, and the nodes behind it carry no force. So slip spreads
-# by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other node, and slip
-# spreads in larger steps. If the iteration starts from the answer to 9/10 of the pull, 63 nodes slip already, and it
-# takes about a tenth of the rounds. So each time step of the package starts from the sets of the step before.
+# its free end by 0.705. As long as a node sticks, it does not move, and the nodes between it and the wall carry no
+# force. So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every
+# other node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63 nodes
+# slip already, and it takes about a tenth of the rounds. So each time step of the package starts from the sets of the
+# step before.
 
 
 # %%
@@ -99,7 +101,7 @@ slipping = np.count_nonzero(cold, axis=1)
 assert (np.diff(slipping) == 1).all()
 assert slipping[-1] == np.count_nonzero(warm[-1]) == 70
 assert len(warm) <= 0.15 * len(cold)
-print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths of the pull")
+print(f"{len(cold)} rounds from rest, {len(warm)} from the solution for nine tenths of the pull")
 
 # %% [markdown]
 # **4.** Let $\kappa_1$ and $\kappa_m$ be the smallest and the largest eigenvalue of $K$. One sure step multiplies the
@@ -136,9 +138,9 @@ assert steps.max() > 500
 print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at worst")
 
 # %% [markdown]
-# **5.** Run the iteration until the sets of an earlier round occur again. The number of rounds between the two is the
-# length of the cycle. The sets determine the next iterate, and thus all later iterates, so one repetition is enough.
-# The length two is the most frequent, but not the only one.
+# **5.** Run the iteration until the sets of an earlier round occur again. The length of the cycle is the number of
+# rounds from the first occurrence to the second. The sets determine the next iterate, and thus all later iterates, so
+# one repetition is enough. The length two is the most frequent, but not the only one.
 
 
 # %%

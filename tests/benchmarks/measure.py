@@ -49,7 +49,7 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 
 def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
-    """Run every program in new processes, in turn; return medians of the numbers that each prints."""
+    """Run every program in new processes, in turn; return the median of each number that a program prints."""
     found: dict[str, list[dict]] = {name: [] for name in codes}
     for _ in range(repeats):
         for name, code in codes.items():

@@ -5,10 +5,10 @@ python tests/benchmarks/peers.py [--siconos 12 20 32] [--steps 4] [--python /usr
 A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is on a rigid floor, mu = .3. Its top has a
 prescribed motion: down, tilted and sideways, in a few steps. Times are CPU seconds.
 
-Siconos (Debian: python3-siconos) solves a step in the form of FCLIB: the relative displacements are u = W r + q, and
-the forces r are in Coulomb's cones. Nonsmooth Gauss-Seidel (NSGS) starts from the forces of the previous step and stops
-at 1e-8. We solve the condensed program. W and our condensed matrix are computed beforehand. Times are medians over
-steps; our median leaves out the first step.
+Siconos (Debian: python3-siconos) solves a step in the form of FCLIB. Contact forces r in Coulomb's cones cause the
+relative displacements u = W r + q: W is the flexibility, and q the displacements without contact forces. Nonsmooth
+Gauss-Seidel (NSGS) starts from the forces of the previous step and stops at 1e-8. We solve the condensed program. W and
+our condensed matrix are computed beforehand. Times are medians over steps; our median leaves out the first step.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def compare_siconos(n: int, steps: int, python: str) -> None:
     vx.simulate(SCENE, block(n), times, initial="settled", solver=solver, progress=progress)
     operators = solved[0].operators
     m = operators.D.shape[0]
-    # In Siconos the normal component is the first, and forces r = (p, -lam) act on the body; u = (e - D d, B d - b).
+    # Siconos puts normal components first: with the letters of `StepProgram`, r = (p, -lam) and u = (e - D d, B d - b).
     order = np.column_stack([2 * m + np.arange(m), 2 * np.arange(m), 2 * np.arange(m) + 1]).ravel()
     sign = np.where(order < 2 * m, 1.0, -1.0)
     A = sp.csr_matrix(sp.vstack([operators.B, operators.D]))

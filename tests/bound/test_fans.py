@@ -26,12 +26,12 @@ def fans(family="voronoi", lam=1.5, n=6):
 
 
 def edge_motion(one, field):
-    """Return the values (c, 4 n) of a field at both ends of the outer edges."""
+    """Return the values of a field at both ends of the n outer edges of each of c cells, (c, 4 n)."""
     return np.stack([field(one.corners), field(np.roll(one.corners, -1, axis=1))], axis=2).reshape(len(one.cells), -1)
 
 
 def outline_of(one, field):
-    """Return the values (c, 4 n) of a field at vertices and at middles of edges."""
+    """Return the values of a field at the n vertices and the n middles of edges of each of c cells, (c, 4 n)."""
     return field(one.outline).reshape(len(one.cells), -1)
 
 
@@ -91,7 +91,7 @@ def test_linear_displacements_have_constant_strains_inside_cells(family, lam):
 @mostly_slow("lam", [1.5, 100.0])
 @pytest.mark.long
 def test_forms_enclose_the_least_energy_of_a_cell(lam):
-    """Half the form of displacements bounds the least energy from above, half the form of stresses from below."""
+    """The least energy is at least half the form of stresses, and at most half the form of displacements."""
     rng = np.random.default_rng(1)
     for one in fans(lam=lam, n=3):
         u, force = rng.normal(size=(one.n, 2)), 5.0 * rng.normal(size=(3, 2))
@@ -106,7 +106,7 @@ def test_forms_enclose_the_least_energy_of_a_cell(lam):
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """The two kinds of rows differ, but the sums of their entries are equal after rounding."""
+    """The data of two kinds of cells differ, but the sums of the data are equal after rounding."""
     eps = np.finfo(float).eps
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + eps, 2.0 - 2 * eps]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]

@@ -15,7 +15,7 @@ OTHER_FIELDS = {
     *("bound", "softening", "on", "direction", "plane", "stabilisation"),
     *("quadrature", "stiffness", "at", "while_closed", "motion"),
 }
-"""Fields of effects that carry no data f(x, t)."""
+"""Fields whose values are not data f(x, t)."""
 
 
 def vectors(x, first, last):

@@ -58,7 +58,7 @@ def test_contact_bears_the_difference_of_outer_and_inner_pressure():
 
 @mostly_long("dim", [2, 3])
 def test_parts_of_an_interface_have_names(dim, tmp_path):
-    """A fluid presses one half of a joint apart, and the other half rubs: effects accept the names of parts."""
+    """A fluid presses on one part of a joint, and friction acts on the other part."""
     mesh, _ = stacked(("squares", "squares") if dim == 2 else ("cubes", "cubes"), (4, 4), dim=dim)
     mesh = mesh.with_boundary("wet", lambda x: x[:, 0] < 0.5, of="low|up").with_boundary(
         "dry", lambda x: x[:, 0] > 0.5, of="low|up"

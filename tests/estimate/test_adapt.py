@@ -94,7 +94,7 @@ def test_marked_cells_have_a_fraction_theta_of_the_error_unless_fewer_cells_suff
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
-    # The sum is 10. Refining the first cell, which has 4, removes GAIN * 4 = 3; if that suffices, no other is marked.
+    # The squares add up to 10. Refining the first cell removes GAIN * 4 = 3, which meets the goal.
     goal = (10.0 - GAIN * 4.0) / MARGIN**2
     assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
 

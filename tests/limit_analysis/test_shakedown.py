@@ -160,7 +160,7 @@ def test_loads_that_supports_bear_do_not_load_friction():
 
 
 def test_a_half_model_has_the_factor_of_the_whole():
-    """At nodes on the plane of symmetry one component of friction is held."""
+    """Nodes on the plane of symmetry slip along this plane only."""
     whole, half = (vx.meshes.cubes((2, n, 1), box=((0, 2), (-1.0 * (n == 2), 1), (0, 1))) for n in (2, 1))
     pull = vx.Traction(lambda x, t: np.tile([t, 0.0, 0.0], (len(x), 1)), on="right")
     scene = vx.Scene(STEEL, vx.Clamp(on="left"), pull, *floor())

@@ -56,7 +56,7 @@ class Energy:
         return float(np.sqrt(blur @ np.abs(self.K) @ blur))
 
     def rounding_of_forces(self, f, *states):
-        """Return the rounding error of f - K y in the norm of forces: n + 2 roundings per row, and M replaces |K|."""
+        """Return a bound of |e|_{K^{-1}}: e is the rounding error of f - K y, and y the sum of the states."""
         size = np.abs(f) + majorant(self.K) @ sum(map(np.abs, states))
         return self.of_blurred_force((len(f) + 2) * EPS * size)
 
@@ -65,8 +65,9 @@ class Energy:
 class Marched:
     """A case, its trajectory, and the certified error of each step.
 
-    y~ = y_{n-1} + d differs from the exact step T(y_{n-1}) by at most sqrt(2 gap) + sqrt(2 floor) in the energy norm.
-    The rounding in y_n = y~ (1 + eps) changes the state and the residual by up to `of_blurred_state(EPS |y_n|)` each.
+    A solver returns the increment d of step n, with a certified gap and its rounding floor. In the energy norm,
+    y_{n-1} + d differs from the exact step T(y_{n-1}) by at most sqrt(2 gap) + sqrt(2 floor). The stored y_n is this
+    sum after rounding, which changes the state and the residual by at most `of_blurred_state(EPS |y_n|)` each.
     """
 
     case: Case
@@ -108,7 +109,8 @@ class Marched:
     def blur_of_objective(self, n, *points):
         """Return the sum of the rounding errors of the objective of step n at the increments `points`.
 
-        Each summand has N + 3 roundings for N unknowns; g = f - K y_{n-1} has the error (N + 2) eps (|f| + M|y_{n-1}|).
+        With N unknowns, each summand of the objective has N + 3 roundings. The load g = f - K y_{n-1} of the step has
+        the error (N + 2) eps (|f| + M|y_{n-1}|).
         """
         case, program = self.case, self.program(n)
         known = np.abs(case.loads[n]) + majorant(case.K) @ np.abs(self.trajectory.state[n - 1])
@@ -121,9 +123,10 @@ class Marched:
     def capped_weights(self, n):
         """Return weights (m,), reduced to the largest possible |lam_i| of step n; the answer stays the same.
 
-        Let q = K^{-1} g and C = B K^{-1} B'. Then B'lam = K r, where r is a projection of q (`steps_are_stable`). So
-        |r|_K is at most the norm of the part of q in the range of K^{-1} B': lam'C lam <= (B q)'C^{-1} B q. Therefore,
-        |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
+        Let lam be the multipliers of step n, q = K^{-1} g, C = B K^{-1} B' and r = K^{-1} B'lam. In the inner product
+        of K, r is the projection of q on a convex set (see `steps_are_stable`). This set contains zero, and is in the
+        range of K^{-1} B'. So |r|_K is at most the norm of the part of q in this range, lam'C lam <= (B q)'C^{-1} B q.
+        Therefore, |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])
         inverse = np.linalg.inv(B @ np.linalg.solve(case.K, B.T))
@@ -135,8 +138,8 @@ class Marched:
     def friction_gap(self, n):
         """Return sum w_i |s_i| - lam_i . s_i of the stored step and its rounding error; weights are `capped_weights`.
 
-        With N unknowns, s has errors of (N + 1) eps |B| (|y_n| + |y_{n-1}|). w|s| - lam.s is 2w-Lipschitz in s.
-        |lam| = w holds up to 2 eps w.
+        The slip s = B (y_n - y_{n-1}) of N unknowns has errors up to e = (N + 1) eps |B| (|y_n| + |y_{n-1}|). They
+        change w|s| - lam.s by at most 2 w e. Rounding of lam adds 2 eps w |s|, because |lam| = w holds up to 2 eps w.
         """
         case, y, w = self.case, self.trajectory.state, self.capped_weights(n)
         lam, s = self.trajectory.multipliers[n], self.program(n).slip(self.increment(n))

@@ -74,7 +74,7 @@ def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, to
 
 @any_family
 def test_a_floor_with_prescribed_slips_needs_no_iteration(family):
-    """All tangential displacements are prescribed, so friction is known and only counts as work."""
+    """All tangential displacements are prescribed, so friction is known before each step."""
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.3),
         vx.PrescribedDisplacement(lambda x, t: [course(t), 0.0], on=["left", "bottom", "right"]),

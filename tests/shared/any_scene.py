@@ -250,7 +250,7 @@ class _Draw:
         return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
-        """Return None, or a displacement of the ground, up to a thousand times as large as that of the body."""
+        """Return None, or a displacement of the ground, up to a thousand times the displacement of the body."""
         if self.belts.random() > 0.12:
             return None
         self.kinds.add("belt")
@@ -392,7 +392,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Such scenes cannot start from equilibrium or use iterative solvers. One in ten tries, and is refused.
+            # Scenes with a kernel refuse a start from equilibrium and iterative solvers. One in ten keeps its settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

@@ -1,7 +1,8 @@
 """Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds.
 
 |.|_a is the energy norm. Arrays of a chunk of c cells have the shape (c, n, ...), because a cell is a fan of n
-triangles (`vemcvx.bound.fan`). Each triangle has three parts, and a field has 10 nodes and 20 values on the triangle.
+triangles. Each triangle has three parts with 10 nodes in all, 20 values of a displacement, and 18 stations, the points
+at which strains are given (see `vemcvx.bound.fan`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Return values (c, n, 20) on triangles that extend values on outlines of cells with the least potential energy."""
+    """Return the values (c, n, 20) of the displacement with least potential energy and the given values on outlines."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -48,7 +49,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a for the conforming displacements v, w of nodal arrays (n_nodes, 2) under the same body force."""
+    """Return |v - w|_a: v, w are the conforming displacements of two nodal arrays, for equal body forces."""
     apart = one - other
     body = np.zeros((circle.posed.space.mesh.n_cells, 6))
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)
@@ -63,7 +64,7 @@ def compute_enriched_values(pair):
 
 
 def strains_at_stations(fans, v):
-    """Return e_xx, e_yy and 2 e_xy (c, n, 18, 3) at stations (see `fan`) of triangles, from nodal values (c, n, 20)."""
+    """Return the strains e_xx, e_yy and 2 e_xy at stations, (c, n, 18, 3), from nodal values v (c, n, 20)."""
     c, n, _ = v.shape
     grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
@@ -96,7 +97,7 @@ def strain_at(circle, u, t, x):
         corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
         t_of = corners.min(axis=2).argmax(axis=1)
         every = np.arange(len(mine))
-        # A point is in the part at the edge from corner k if its barycentric coordinate k + 2 (mod 3) is the smallest.
+        # Part k is at the edge from corner k. There the coordinate of the opposite corner, k + 2 (mod 3), is smallest.
         part = (corners[every, t_of].argmin(axis=1) + 1) % 3
         slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
         values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]

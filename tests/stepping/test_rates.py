@@ -35,7 +35,7 @@ def test_an_unknown_relaxes_like_an_exponential_with_errors_of_order_one(run, fo
         found = run(steps)
         errors.append(np.abs(found.state[:, 0] - force / K * (1.0 - np.exp(-K * found.times / C))).max())
         assert found.certificate_kind == "bound"
-        # The balance of energy: the spring, and the loss of friction or dashpot, take the work of the force.
+        # The work of the force is the energy of the spring and the energy that friction or the dashpot dissipates.
         assert found.work_second_order[-1] == pytest.approx(found.energy[-1] + found.dissipated_second_order[-1])
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
 

@@ -16,7 +16,7 @@ UNEVEN = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 0.55, 1.0, 1.7, 3.0])
 
 
 def solid(tau=TAU):
-    """Return elasticity a and viscosity b = tau a."""
+    """Return an elastic and a viscous effect; viscous moduli are elastic moduli times tau."""
     return vx.Elasticity(YOUNG, POISSON), vx.Viscosity(shear=tau * MU, volume=tau * LAM)
 
 

@@ -37,7 +37,7 @@ def test_the_patch_test():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, `DRecipe()` has 2.7 times the error of the default; with `deviatoric=True` both are equal."""
+    """At nu = .49999, `DRecipe()` has 2.7 times the error of the default; with `deviatoric=True` the same error."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -62,7 +62,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """On two materials, fields that differ by w have the squared nodal distance w'Aw; `error_budget` succeeds."""
+    """Fields that differ by w have the squared nodal distance w'Aw, with the stiffness matrix A of two materials."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -114,9 +114,9 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Sum the squares of "jumps", "boundary" and "stabilisation" edge by edge, without the constant c^2.
+    """Return squared parts of the budget, and the number of cells whose stabilisation energy exceeds the edge energy.
 
-    "stabilisation" is the larger of S_K and an energy of edges. Also return the number of cells in which S_K is larger.
+    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" sums the larger of the two energies over cells.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)
@@ -206,7 +206,7 @@ class Springs(vx.Stabilisation):
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["prisms", "cubes", "voronoi3"])
 def test_stabilisations_in_space(family):
-    """Check the energy w'Aw of w, and that v - Pi v has half of the default energy."""
+    """Stabilisation energies are half of the default energies, and are part of the nodal distance."""
     mesh, material = vx.meshes.SPACE_FAMILIES[family](2), vx.Elasticity(YOUNG, POISSON, stabilisation=Springs())
     scene = vx.Scene(material, vx.Clamp(on="left"), vx.Traction((0.3, 0.1, 0.0), on="right"))
     history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")

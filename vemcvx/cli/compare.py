@@ -190,7 +190,9 @@ class Compare:
             system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
             attempts = list[Attempt]()
             for i, (solver, settings) in enumerate(solvers):
-                row = Row(solver=solver.name, settings=settings, asked=solver.accuracy, options=_list_settings(solver))
+                given = solver.options if isinstance(solver, ThroughCvxpy) else {}
+                options = ", ".join(f"{name} = {value!r} (by --option)" for name, value in given.items())
+                row = Row(solver=solver.name, settings=settings, asked=solver.accuracy, options=options)
                 doing = f"{row.label}, {i + 1} of {len(solvers)}"
                 show(doing, 0, self.steps)
                 try:
@@ -246,14 +248,6 @@ def entrants(command: Compare) -> list[tuple[Solver, str]]:
             kinds = ("tuned", "default") if solver.solver in TUNED else ("default",)
             found += [(replace(solver, tuned=kind == "tuned"), kind) for kind in kinds]
     return found
-
-
-def _list_settings(solver: Solver) -> str:
-    """Return the settings that cvxpy passes to a solver, in words; empty for solvers that cvxpy does not call."""
-    if not isinstance(solver, ThroughCvxpy):
-        return ""
-    made = [f"{setting.name} = {setting.words}" for setting in solver.settings if setting.name not in solver.options]
-    return ", ".join([*made, *(f"{name} = {value!r} (by --option)" for name, value in solver.options.items())])
 
 
 def attempt(

@@ -138,15 +138,11 @@ class PyAMGFactor(IterativeFactor):
 def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method from a random force, in the inner product of M.
 
-    Take a positive semidefinite matrix of size n, and k steps from a uniformly distributed direction. The largest Ritz
-    value is below (1 - eps) times the largest eigenvalue with probability less than
-    1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992). Apply
-    this to 1 - MK. If xi is the smallest Ritz value of MK, then lambda_min(MK) >= 1 - (1 - xi) / (1 - eps).
-
-    Our random force is uniform in the Euclidean inner product, not in that of M. This multiplies the probability by at
-    most the root of the condition number of M; this root is at most 1e8. We choose eps such that the product is < 1e-9.
-
-    Raise SceneError if K is not positive definite, or if the bound after 400 steps is less than xi / 10.
+    After k steps for 1 - MK from a random direction, the largest Ritz value is below (1 - eps) times the largest
+    eigenvalue with probability less than 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J.
+    Matrix Anal. Appl. 13, 1992). So lambda_min(MK) >= 1 - (1 - xi) / (1 - eps) with the smallest Ritz value xi of MK.
+    The direction is random in the Euclidean inner product instead of that of M: this multiplies the probability by at
+    most 1e8, the root of the condition number of M. The product is less than 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

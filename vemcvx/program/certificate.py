@@ -1,44 +1,23 @@
-r"""The certificate: a bound on the distance of any answer from the solution.
+r"""The certificate: a bound on the distance of any answer from the solution (proofs: docs/theory/certificate.md).
 
 Take the program of a step (``StepProgram``) with the solution $d^*$, any $d$ within the bounds of limits, and any
-$|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$, the number
+$|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
-+ \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) $$
++ \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) . $$
 
-is primal minus dual objective. It bounds the error in the norm $|e|_K^2 = e' K e$:
+Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|e|_K^2 = e' K e$. If $K$ has a kernel $N$, this is a
+seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
-$$ \textbf{Theorem 1.} \quad \tfrac12 |d - d^*|_K^2 \le \text{gap}. $$
-
-Proof. The dual objective consists of conjugates. The conjugate of $w |s|$ is 0 for $|\lambda| \le w$. The conjugate of
-$(z_+)^2 / 2c$ is $c p^2 / 2$ for $p \ge 0$; if $c = 0$, the conjugate of the bound $z \le 0$ is 0. With
-$v = K^{-1} (g - B' \lambda - D' p)$ the dual value is $G = -\frac12 v' K v - \lambda' b - p' e - \sum c p^2 / 2$,
-the primal value is $P(d) = \frac12 d' K d - g' d + \sum w |s| + \sum z_+^2 / 2c$, and $P(d) - G$ is the gap, because
-$g' d = v' K d + \lambda \cdot B d + p \cdot D d$. $P$ is $K$-strongly convex with minimiser $d^*$, so
-$P(d) \ge P(d^*) + \frac12 |d - d^*|_K^2$. Weak duality $P(d^*) \ge G$ completes the proof.  QED
-
-If $K$ has a kernel $N$ (:mod:`vemcvx.program.kernel`), the theorem holds in the seminorm $|\cdot|_K$. Then $K^{-1} r$
-is any $x$ with $K x = r$. If $N' r$ does not vanish, there is no such $x$, and the gap is infinite.
-
-Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
-
-The gap is linear in the slip of a sticking term, and the bound on the error is $\sqrt{2 \, \text{gap}}$. So a slip of
-1e-16, which is only rounding, makes a bound of 1e-8. If a move $v$ removes the slip, the bound grows only by $2 |v|_K$:
-
-**Theorem 2.** Let $d - v$ be within the bounds, and $|r|^2 = r' K^{-1} r$ with the residual $r$ at $d$. Let $T(v)$ be
-the two sums of the gap, with $s$ and $z$ at $d - v$. Then
-
-$$ |d - d^*|_K \le 2 |v|_K + \sqrt{|r|^2 + 2 T(v)}. $$
-
-Proof. $|d - d^*|_K \le |v|_K + |d - v - d^*|_K$. The residual at $d - v$ is $r + K v$, and
-$\frac12 |d - v - d^*|_K^2 \le \frac12 |r + K v|^2 + T(v)$ by theorem 1, with $|r + K v| \le |r| + |v|_K$; finally
-$\sqrt{(a + b)^2 + c} \le b + \sqrt{a^2 + c}$.  QED
-
-The move $v$ removes slips and excesses $z$ that count as zero (``StepProgram.zero_levels``). We take the smaller bound.
+Theorem 2: let $d - v$ be within the bounds, and $T(v)$ the two sums of the gap with $s$ and $z$ at $d - v$. Then
+$|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. The move $v$ removes slips and excesses $z$ that count as zero
+(``StepProgram.zero_levels``). We take the smaller of the two bounds.
 
 Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
 $|d - d^*|_K$ is at most `error + error_floor`, the square roots of twice the gap and of twice the floor.
+
+Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 """
 
 from __future__ import annotations

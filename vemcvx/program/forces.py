@@ -1,17 +1,11 @@
 """A step in terms of contact forces: how slips and gaps change when these forces change.
 
-Let A = [B; D] be the rows of norm terms and limits, and x = (lam, p) their forces. A step (:mod:`.step_program`) is
+Let A = [B; D] be the rows of norm terms and limits, and x = (lam, p) their forces. If the forces of a step
+(:mod:`.step_program`) change by dx, the vector off = (s, z - c p) of slips and gaps changes by
 
-    K d + A'x = g,    s = B d - b,    z = D d - e,
-    |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|;      p >= 0,  z <= c p,  p (c p - z) = 0.
+    off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
-If the forces change by dx, the increments change by -K^{-1}A'dx, and s and z by -W dx with the Delassus operator
-W = A K^{-1}A'. So the vector off = (s, z - c p) becomes
-
-    off(x + dx) = off(x) - (W + C) dx,     C = diag(0, c),
-
-and W + C is the only property of the body that a step needs. Rows are scaled by units u such that W + C has a unit
-diagonal, so that tolerances do not depend on the system of units.
+Rows are scaled by units u such that W + C has a unit diagonal, so that tolerances do not depend on the system of units.
 
 If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then have a further component N `a` with
 coordinates `a`. This component changes s and z by R `a`, with R = A N and R'R = I. Forces must balance on the kernel:

@@ -1,7 +1,7 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
-`TUNED` lists the settings for a duality gap of a scaled program; all other settings keep their defaults. "Certified
-5e-5" in the list means that runs with the requested accuracy 1e-6 reached a certified error of 5e-5.
+The settings are for scaled programs. "Certified 5e-5" means that runs with the requested accuracy 1e-6 reached a
+certified error of 5e-5.
 """
 
 from __future__ import annotations
@@ -37,95 +37,57 @@ class GapTolerance:
         """Return the tolerance for a gap."""
         return float(np.clip(self.share * gap**self.power, self.least, self.most))
 
-    def __str__(self) -> str:
-        name = "gap" if self.power == 1 else f"gap^{self.power:g}"
-        return f"{self.share:g} {name}, {self.least:g} to {self.most:g}"
 
-
-ALWAYS, SEMIDEFINITE, RETRY = "", "if K is only semidefinite", "in a second attempt"
-"""The programs to which a setting applies, in words for tables."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One setting of one solver, under the `name` that it has in cvxpy, with the reason `why`."""
-
-    name: str
-    value: GapTolerance | float | str
-    why: str
-    when: str = ALWAYS
-
-    def at(self, gap: float) -> float | str:
-        """Return the value for a gap."""
-        return self.value.at(gap) if isinstance(self.value, GapTolerance) else self.value
-
-    @property
-    def words(self) -> str:
-        """The value, and the programs to which it applies."""
-        return f"{self.value} {self.when}".rstrip()
-
-
-TIGHT = GapTolerance(TARGET_FRACTION, 1e-14)
-"""Tolerance of solvers with one tolerance for both gap and residuals."""
 SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
-"""The same as TIGHT, but at least 1e-13, for solvers that break down at smaller tolerances."""
+"""Tolerance of solvers that break down at smaller tolerances."""
 RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
-"""Tolerance of OSQP's residuals."""
+"""Tolerance of OSQP's residuals, which enter the gap squared."""
 
-TUNED: Mapping[str, tuple[Setting, ...]] = {
-    "CLARABEL": (
-        Setting("tol_gap_abs", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from the certificate's gap"),
-        Setting("tol_gap_rel", GapTolerance(INNER_FRACTION, 1e-15), "its gap differs from the certificate's gap"),
-        Setting("tol_feas", GapTolerance(TARGET_FRACTION, 1e-13, power=0.5), "residuals enter the gap squared"),
-        Setting("max_threads", 1, "two threads take three times as long on the patterns that cvxpy makes"),
-        Setting("direct_solve_method", "faer", "the paper's full program takes 4.6 s, with qdldl 22 s"),
-        Setting("iterative_refinement_enable", False, "refinement doubles the time, and rarely gains digits"),
-        Setting("presolve_enable", False, "there is nothing to remove"),
-        Setting("equilibrate_enable", False, "programs are scaled already"),
-        Setting("static_regularization_constant", 1e-15, "1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6"),
-        Setting("max_step_fraction", 0.999, "saves 7 % of the iterations"),
-        # In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
-        Setting("static_regularization_constant", 1e-13, "with 1e-15 errors stay at 6e-6", SEMIDEFINITE),
-        Setting("iterative_refinement_enable", True, "gains the missing digits", RETRY),
-        # Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
-        Setting("static_regularization_constant", 1e-13, "fewer steps miss than with 1e-15", RETRY),
-        Setting("max_step_fraction", 0.99, "the paper's steps reach errors of 1e-8; with .999 only 4e-8", RETRY),
-    ),
-    "OSQP": (
-        Setting("eps_abs", RESIDUAL, "residuals, which enter the gap squared"),
-        Setting("eps_rel", RESIDUAL, "residuals, which enter the gap squared"),
-        Setting("eps_prim_inf", 1e-15, "by default a step counts as infeasible"),
-        Setting("eps_dual_inf", 1e-15, "by default a step counts as unbounded"),
-        Setting("max_iter", 100_000, "the default, 4000, is too few for such tolerances"),
-        Setting("polishing", True, "gains the last digits; must be set for every solve"),
-        Setting("polish_refine_iter", 10, "gains the last digits of polishing"),
-    ),
-    "SCS": (
-        Setting("eps_abs", SHORT, "by default, 1e-4, certified 2e-3; below 1e-13 some steps do not converge"),
-        Setting("eps_rel", 0.0, "data are scaled; the reference of eps_rel differs from step to step"),
-        Setting("max_iters", 200_000, "first-order method: small tolerances take many iterations"),
-        Setting("normalize", False, "programs are scaled already"),
-    ),
-    "PIQP": (
-        Setting("eps_abs", TIGHT, "by default, 1e-8, certified 1e-4"),
-        Setting("eps_rel", TIGHT, "by default, 1e-9, certified 1e-4"),
-    ),
-    "QOCO": (
-        Setting("abstol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
-        Setting("reltol", SHORT, "by default, 1e-7, certified 8e-4; at 1e-14 it breaks down, certified 4e-1"),
-    ),
-    "ECOS": (
-        Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
-        Setting("reltol", TIGHT, "by default, 1e-8, certified 5e-5"),
-        Setting("feastol", GapTolerance(TARGET_FRACTION, 1e-10, power=0.5), "residuals enter the gap squared"),
-    ),
-    "PROXQP": (
-        Setting("eps_abs", TIGHT, "by default, 1e-8, certified 2e-4"),
-        Setting("warm_start", False, "a warm start fails if there are limits"),
-    ),
-    "HIGHS": (Setting("qp_regularization_value", 0.0, "by default, 1e-7, certified 4e-6; K is regular, or nearly so"),),
+TUNED: Mapping[str, Mapping[str, GapTolerance | float | str]] = {
+    "CLARABEL": {
+        "tol_gap_abs": GapTolerance(INNER_FRACTION, 1e-15),  # its gap differs from the certificate's gap
+        "tol_gap_rel": GapTolerance(INNER_FRACTION, 1e-15),
+        "tol_feas": GapTolerance(TARGET_FRACTION, 1e-13, power=0.5),  # residuals enter the gap squared
+        "max_threads": 1,  # two threads take three times as long on the patterns that cvxpy makes
+        "direct_solve_method": "faer",  # the paper's full program takes 4.6 s, with qdldl 22 s
+        "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
+        "presolve_enable": False,  # there is nothing to remove
+        "equilibrate_enable": False,  # programs are scaled already
+        "static_regularization_constant": 1e-15,  # 1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6
+        "max_step_fraction": 0.999,  # saves 7 % of the iterations
+    },
+    "OSQP": {
+        "eps_abs": RESIDUAL,
+        "eps_rel": RESIDUAL,
+        "eps_prim_inf": 1e-15,  # by default a step counts as infeasible
+        "eps_dual_inf": 1e-15,  # by default a step counts as unbounded
+        "max_iter": 100_000,  # the default, 4000, is too few for such tolerances
+        "polishing": True,  # gains the last digits; must be set for every solve
+        "polish_refine_iter": 10,  # gains the last digits of polishing
+    },
+    "SCS": {
+        "eps_abs": SHORT,  # by default, 1e-4, certified 2e-3; below 1e-13 some steps do not converge
+        "eps_rel": 0.0,  # data are scaled; the reference of eps_rel differs from step to step
+        "max_iters": 200_000,  # first-order method: small tolerances take many iterations
+        "normalize": False,  # programs are scaled already
+    },
+    "HIGHS": {"qp_regularization_value": 0.0},  # by default, 1e-7, certified 4e-6; K is regular, or nearly so
 }
+"""The settings of each solver, under their names in cvxpy; all other settings keep their defaults."""
 
+# In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
+SEMIDEFINITE = {"CLARABEL": {"static_regularization_constant": 1e-13}}  # with 1e-15 errors stay at 6e-6
+"""Settings that replace those of `TUNED` if K is only semidefinite."""
+
+# Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
+RETRY = {
+    "CLARABEL": {
+        "iterative_refinement_enable": True,  # gains the missing digits
+        "static_regularization_constant": 1e-13,  # fewer steps miss than with 1e-15
+        "max_step_fraction": 0.99,  # the paper's steps reach errors of 1e-8; with .999 only 4e-8
+    }
+}
+"""Settings that replace those of `TUNED` in a second attempt."""
 
 COMPILING = threading.Lock()
 """Lock around cvxpy's compiler, which numbers expressions by a global counter without a lock."""
@@ -222,19 +184,17 @@ class ThroughCvxpy(Solver):
             )
         return _PreparedConic(self, PreparedNewton(operators, 1))
 
-    @property
-    def settings(self) -> tuple[Setting, ...]:
-        """The tuned settings. If a program has two settings of the same name, the later setting holds."""
-        return TUNED.get(self.solver, ()) if self.tuned else ()
-
     def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:
         """Return the solver's options for the gap of a scaled program; the user's options replace tuned options."""
-        now = (ALWAYS, SEMIDEFINITE) if semidefinite else (ALWAYS,)
-        return {**{one.name: one.at(gap) for one in self.settings if one.when in now}, **self.options}
+        tuned: dict[str, Any] = dict(TUNED.get(self.solver, {})) if self.tuned else {}
+        if self.tuned and semidefinite:
+            tuned |= SEMIDEFINITE.get(self.solver, {})
+        at_gap = {name: value.at(gap) if isinstance(value, GapTolerance) else value for name, value in tuned.items()}
+        return at_gap | dict(self.options)
 
     def for_second_attempt(self) -> ThroughCvxpy:
         """Return the solver with the settings for a second attempt at a step."""
-        sharper = {one.name: one.value for one in self.settings if one.when is RETRY}
+        sharper = RETRY.get(self.solver, {}) if self.tuned else {}
         return replace(self, options={**sharper, **self.options})
 
 

@@ -1,31 +1,23 @@
 r"""Semismooth Newton on active sets, in contact forces x = (lam, p), with the symbols of :mod:`vemcvx.program.forces`.
 
-The active sets are the sticking terms, the acting limits, and the directions in which the other terms slip. On given
-sets, let x_law be w s/|s| on slipping terms, zero on open limits, and otherwise the old x. The new x is x_law + Q z,
-with a column of Q for each unknown in z. The unknowns are changes of
+The page docs/theory/semismooth_newton.md derives the method. On given sets, let x_law be w s/|s| on slipping terms,
+zero on open limits, and otherwise the old x. The new x is x_law + Q z. The unknowns z are changes of
 
 - forces of sticking terms and acting limits (forces p of limits also change friction along slips, by J = dw/dp),
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. Let P be
-Q' without the terms in J. Then these conditions are
+Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. With P, which
+is Q' without the terms in J, these conditions are
 
 $$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
 
-This is the Newton step for x = Pi(x + SHIFT * off), where Pi projects onto discs of radius w(p, |s|) and half-lines
-p >= 0. Rows may be linearly dependent, so REGULARISATION is added to the diagonal. If K has a kernel, N'A'x = N'g
-borders the system.
+REGULARISATION is added to the diagonal, and N'A'x = N'g borders the system if K has a kernel N. If W is an operator
+(iterative linear solvers, very many rows), GMRES solves the system.
 
-We factorise only if sets change, or if the error of the law (`ActiveSets.law_error`) no longer halves. Otherwise we
-correct with the last factors. Rounding may change sets for ever, so we stop by the error of the law. If W is an
-operator (iterative linear solvers, very many rows), GMRES solves the system.
-
-Safeguard. For given w the dual of a step is min 1/2 x'(W + C)x - x'off(0) on discs and half-lines, with gradient -off.
-Steps of accelerated projected gradients (Nesterov 1983; restarted as in O'Donoghue and Candes 2015) converge to a
-solution. We take these steps if active sets recur, and in space after the first Newton step, too. A kernel enters by
-an augmented Lagrangian with multipliers `a`. For laws that are not monotone, convergence is not proven: if sets recur,
-we first try four points between the last two points of Newton's method, and take the point of least error.
+If active sets recur, and in space after the first Newton step, accelerated projected gradients on the dual program
+continue; a kernel enters them by an augmented Lagrangian with multipliers `a`. For laws that are not monotone we first
+try four points between the last two points of Newton's method, and take the point of least error.
 """
 
 from __future__ import annotations

@@ -4,17 +4,15 @@ A step is posed for the increment d_n = y_n - y_{n-1}, with the unbalanced force
 carried along, g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n), so that increments keep their digits if steps are tiny
 compared with y. A step that misses the accuracy is solved again, with a smaller target.
 
-Dashpots add the form b(u', v) to a(u, v). Nodal displacements are u = P y + u_D, with the motion u_D of supports. The
-matrix of b is A_b for displacements u, and C for unknowns y. In a step of length k, K + C/k replaces K, and moving
-supports add the force -P'A_b (u_D,n - u_D,n-1) / k. The certificate bounds the error in the norm of K + C/k.
+Dashpots add the form b(u', v) to a(u, v); its matrix is A_b for displacements u = P y + u_D, and C for unknowns y. In a
+step of length k, K + C/k replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 
-Errors are relative to the largest energy norm of the states so far. If all states so far count as zero, errors are
-relative to the largest energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction.
-A state counts as zero if its norm is only rounding, or at most `accuracy` times this reference.
+Errors are relative to the largest energy norm of the states so far. While all states count as zero, errors are relative
+to the largest energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction. A state
+counts as zero if its norm is only rounding, or at most `accuracy` times this reference.
 
-A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. Otherwise the
-distance of u_0 from a state that obeys (2.1) is at most the jump of this step plus its certified error. This bound is
-the certificate of step 0. A run that is given P^h u_0, (3.26), begins after one step at times[0], unless settle=False.
+A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. The jump of this
+step plus its certified error bounds the distance from such a state, and is the certificate of step 0.
 """
 
 from __future__ import annotations

@@ -12,16 +12,8 @@ from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import Answer, SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
-from vemcvx.stepping.backward_euler import (
-    Beginning,
-    check_times,
-    initial_state,
-    pose_step,
-    prepare,
-    step,
-    threads_of_steps,
-)
-from vemcvx.stepping.state import PreparedRun, State, certify_in_full
+from vemcvx.stepping.backward_euler import Beginning, march, pose_step, prepare
+from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.stepping.trajectory import FIELDS, Trajectory, row_of, state_of_row
 
 
@@ -35,7 +27,7 @@ def programs_of_march(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """March a System, and yield the convex program of each step with its certified answer.
+    """March a System, and return the convex program of each step with its certified answer.
 
     Parameters
     ----------
@@ -58,22 +50,21 @@ def programs_of_march(
     >>> [float(program.answer.d[0]) for program in vx.programs_of_march(system, [0.0, 0.5, 1.0])]
     [0.5, 1.0]
     """
-    instants, run = check_times(times), prepare(system, solver, check, condense, linear)
-    before = certify_in_full(run, initial_state(run, instants, initial))
-    for n, t in enumerate(instants[1:].tolist(), start=1):
-        with threads_of_steps(system, run.condense, run.condensation.linear):
-            state = step(run, before, n, t)
-        yield _make_solved_program(run, before, state, n)
-        before = state
+    trajectory = march(system, times, solver=solver, initial=initial, check=check, condense=condense, linear=linear)
+    return programs_of_trajectory(system, trajectory, range(1, len(trajectory.times)), condense, linear)
 
 
 def programs_of_trajectory(
-    system: System, trajectory: Trajectory, numbers: Sequence[int], condense: bool = True
+    system: System,
+    trajectory: Trajectory,
+    numbers: Sequence[int],
+    condense: bool = True,
+    linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
     """Yield the programs of the steps `numbers`; raise HistoryError if a state before or after a step is not stored."""
     for n in numbers:
         _check_stored(trajectory, n)
-    run = prepare(system, None, True, condense)
+    run = prepare(system, None, True, condense, linear)
     for n in numbers:
         yield _make_solved_program(run, _read_stored(run, trajectory, n - 1), _read_stored(run, trajectory, n), n)
 

@@ -2,7 +2,7 @@ r"""An orthotropic block sheared over a floor: it slides more easily one way tha
 
 The block (0, 2) x (0, H), H = 1/2, plane stress, is wood with Young's modulus E1 along the grain and E2 across the
 grain. The grain rises at the angle `grain` from x. The top is pressed down by D and then moved by U(t), back and forth.
-Coulomb friction, coefficient mu, acts on its bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of
+Coulomb friction, coefficient mu, acts on the bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of
 Composite Materials*, 1999, 2.6) couples shear to pressure by C26. Let e = D / H. In a uniform state
 u = (a + gamma y, -e y) the block has the shear gamma and the slip a, and the tractions on the floor are
 

@@ -12,12 +12,12 @@ $$
 with b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. This displacement is prescribed on the
 sides far from the edge. The ends z = const slide in their planes. The exact strains give the true error.
 
-Up to constants, cells of size h(r) at the distance r from the edge make the squared error int r^(2a - 3) h^2 dr, and
-their number N is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for
-h = c r^((4 - 2a) / 5): then both integrals converge for a > 1/3, and the error is N^(-1/3), as for smooth fields.
-This holds although cells are as short along the edge as across the edge. At the same relative error e, adaptive meshes
-need e^(3/a - 3) = e^2.5 times the number of equal cells, up to a constant. We measured that adaptive meshes need .20
-times the nodes of equal cubes at e = 19 %, and .16 times at e = 17 %, although their cells are tetrahedra.
+Cells at the distance r from the edge have the size h(r). Up to constants, the squared error is int r^(2a - 3) h^2 dr,
+and the number N of cells is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for
+h = c r^((4 - 2a) / 5). Then both integrals converge, because a > 1/3, and the error is N^(-1/3), as for smooth fields.
+Cells that are as short along the edge as across the edge suffice. At the same relative error d < 1, adaptive meshes
+have d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. We measured that adaptive meshes need .20
+times the nodes of equal cubes at d = 19 %, and .16 times at d = 17 %, although their cells are tetrahedra.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """

@@ -23,10 +23,10 @@ import numpy as np
 
 import vemcvx as vx
 
-RADII, YOUNG, POISSON, HALF_WIDTH = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4), 0.02
+RADII, YOUNG, POISSON = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4)
+HALF_WIDTH = 0.02  # of the contact at t = 1, approximately
 RADIUS = 1 / sum(1 / radius for radius in RADII)
 EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, POISSON, strict=True))
-"""`HALF_WIDTH` is the approximate half-width a of the contact at t = 1."""
 REACH = 20 * HALF_WIDTH
 DEPTH = 8e-4
 JOINT = "lower|upper"
@@ -61,7 +61,7 @@ def coordinates(n):
 
 
 def grid(x, y):
-    """Return a mesh of rectangles whose corners have the coordinates x and y, arrays of one length."""
+    """Return a mesh of rectangles with corners at all (x[i], y[j]); x and y are arrays of equal length."""
     lattice = vx.meshes.squares(len(x) - 1, box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     return vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells)

@@ -52,7 +52,7 @@ def scene():
 
 
 def mesh(n, family="squares"):
-    """Return strips with n and n + 1 cells across their height, and glue one cell thick, 3n/2 cells per unit length."""
+    """Return strips, n and n + 1 cells high, and one layer of glue with 3n/2 cells per unit length."""
     make, top = vx.meshes.FAMILIES[family], HEIGHT + THICKNESS
     lower = make(n, box=((0, LENGTH), (0, HEIGHT)))
     glue = vx.meshes.squares((round(1.5 * n * LENGTH), 1), box=((0, LENGTH), (HEIGHT, top)))
@@ -74,7 +74,7 @@ def bond(history):
 
 
 def picture(history):
-    """Draw the joint near its pulled end, and the shear stress of the glue along it."""
+    """Draw the joint near its pulled end, and the shear stress along the glue."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

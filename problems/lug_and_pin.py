@@ -18,9 +18,9 @@ import numpy as np
 import vemcvx as vx
 
 YOUNG, POISSON, FRICTION = (200.0, 70.0), (0.3, 0.33), 0.2
-HOLE, RIM, THICK, CLEARANCE = 1.0, 2.0, 0.6, 0.002
+HOLE, RIM, THICK, CLEARANCE = 1.0, 2.0, 0.6, 0.002  # a, b, half of the thickness, delta
 SHEAR = 0.12
-"""The largest q. `CLEARANCE` is delta."""
+"""The largest shear stress q on the end of the pin."""
 JOINT = "pin|lug"
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 24, "accuracy": 1e-6}

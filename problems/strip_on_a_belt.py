@@ -9,7 +9,7 @@ E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U -
 \qquad l = (2 E H U / g)^{1/2}.
 $$
 
-So the force of the hold is F(U) = g l. From U* = g L^2 / (2 E H) on, l = L: all of the strip slips, and F = g L. When
+So the force of the hold is F(U) = g l. For U >= U* = g L^2 / (2 E H) all of the strip slips, and F = g L. When
 the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), the force of the
 hold is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* +
 g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).

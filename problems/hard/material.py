@@ -12,7 +12,7 @@ from vemcvx.vem import Space, strains
 
 MESH = 12
 NEAR = 0.4999
-"""Of the Poisson's ratios in `CASES`, the largest at which answers are certified to 1e-8."""
+"""The largest Poisson's ratio in `CASES` at which answers are certified to 1e-8."""
 
 
 def strain_error(history, poisson):

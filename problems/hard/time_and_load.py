@@ -34,7 +34,7 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Return a fault unless the increments of all tiny steps are multiples of the first one: no new node slips."""
+    """Return a fault unless the increments of all tiny steps are proportional, as no new node slips in these steps."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)

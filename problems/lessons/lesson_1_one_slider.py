@@ -84,8 +84,8 @@ block_and_spring()
 # ## 2. One step in time, and the program
 #
 # Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position one time step $k$ earlier.
-# Rename $u_{prev} + kv$ to $v$, which is then a position; lesson 4 shows why $k$ cancels. The inequality (2.34) of one
-# step is
+# We also write every velocity $v$ as $(v - u_{prev})/k$, with a new $v$ that is a position. Lesson 4 shows why $k$
+# cancels. The inequality (2.34) of one step is
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #

@@ -3,7 +3,7 @@
 mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | iterative] [--solves 3]
 
 A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its free bottom.
-Set-up is done once per run and includes the bound on the spectrum. A solve is K^{-1} b to 1e-12; b is one of three
+Set-up happens once per run and includes a bound on eigenvalues. A solve is K^{-1} b to 1e-12; b is one of three
 forces. Both times are wall seconds of rank 0, which depend on other work of the machine. Every rank prints its peak
 memory, its CPU seconds, and its floating-point operations (in solves and matrix products only). `--linear iterative`
 on one rank uses PyAMG instead.
@@ -44,7 +44,7 @@ def measure(given: argparse.Namespace) -> float:
     """Print times and memory for one matrix; return the CPU seconds of this rank before the set-up."""
     linear = vx.PETSc() if given.linear == "petsc" else vx.Iterative()
     system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
-    print(f"{system.n} unknowns; posed, {peak()}", flush=True)
+    print(f"{system.n} unknowns; after assembly {peak()}", flush=True)
     posed = seconds_here()
     start = time.perf_counter()
     factor = linear.factorise(system.K, system.near_kernel)
@@ -56,7 +56,7 @@ def measure(given: argparse.Namespace) -> float:
         seconds.append(time.perf_counter() - start)
     off = max(np.linalg.norm(f - system.K @ x) / np.linalg.norm(f) for f, x in zip(forces, answers, strict=True))
     solve, load = np.median(seconds), os.getloadavg()[0]
-    print(f"set-up {set_up:.2f} s, a solve {solve:.2f} s, residual {off:.1e}; load {load:.1f}")
+    print(f"set-up {set_up:.2f} s, a solve {solve:.2f} s, residual {off:.1e}; load average {load:.1f}")
     return posed
 
 

@@ -1,4 +1,4 @@
-"""`vemcvx compare`: each distance is at most the sum of two certificates; a solver that fails has a row."""
+"""`vemcvx compare`: two solutions differ by at most the sum of their certificates; a solver that fails has a row."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ def test_certificates_bound_distances_unless_limits_meet_friction_or_damping():
 
 
 @pytest.mark.long
-def test_distances_are_those_of_the_energy_norm(attempts):
+def test_distances_are_measured_in_the_energy_norm(attempts):
     system, (newton, _, poor) = (attempts[0], [run for _, run in attempts[1]])
     apart = (newton.state - poor.state) @ np.linalg.cholesky(system.K.toarray())
     relative = np.linalg.norm(apart, axis=1)[1:] / np.maximum.accumulate(newton.norm)[1:]

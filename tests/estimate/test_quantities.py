@@ -87,7 +87,7 @@ def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, c
         assert one.steps <= 5.0 * off + 1e-8 * abs(true)
         assert one.error == (one.steps if np.isnan(one.mesh) else one.steps + one.mesh)
         assert not np.isnan(one.mesh)
-    # For losses of 3 to 7 %, a warning is optional, because the second-order work also has errors.
+    # If steps lose 3 to 7 % of the work, a warning is optional: the package compares with another inexact work.
     lost = abs(history.work[-1] - truth[1]) / truth[1]
     assert bool(warned) == (lost > 0.05) or 0.03 < lost < 0.07
 

@@ -27,7 +27,7 @@ def near(x, centre, radius):
 
 
 def spot(x, radius=0.08):
-    """Return True in a disc with one centroid of squares(4), but no node."""
+    """Return True inside a disc that contains one centroid of squares(4), and no node."""
     return np.hypot(x[:, 0] - 0.37, x[:, 1] - 0.38) < radius
 
 
@@ -67,11 +67,11 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return the ratio of estimated to true error. The norm uses moduli of the finer mesh, which are more accurate."""
+    """Return the ratio of estimated to true error. The true error is measured with the moduli of the finer mesh."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:
-        assert budget.space[-1] == pytest.approx(1.0), "nothing moves on the mesh, and the whole motion is its error"
+        assert budget.space[-1] == pytest.approx(1.0), "nothing moves, so the whole motion is missed"
         return 1.0
     return budget.largest["total"] * budget.scale / vx.measures.energy_distance(truth, history).absolute
 
@@ -90,7 +90,7 @@ def test_data_between_nodes_are_in_the_estimate(name):
 @pytest.mark.long
 @pytest.mark.parametrize("n", [4, 8, 16])
 def test_tractions_with_waves_as_long_as_an_edge_are_in_the_estimate(n):
-    """All nodes read the same value, and quadrature misreads the mean of a wave at every h."""
+    """The traction is the same at all nodes. Quadrature has an error in the mean of each wave, for every n."""
 
     def drive(x, t):
         phase = 2 * np.pi * n * x[:, 0]

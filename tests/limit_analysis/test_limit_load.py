@@ -17,16 +17,16 @@ GAP = 2e-9
 
 
 def wrench(points, forces):
-    """Return forces (m, dim) at points (m, dim) as columns (6, m) of forces and moments about the origin in space."""
+    """Return the columns (6, m) of forces and their moments about the origin; forces and points are (m, dim)."""
     x, f = (np.pad(each, ((0, 0), (0, 3 - each.shape[1]))) for each in np.broadcast_arrays(points, forces))
     return np.hstack([f, np.cross(x, f)]).T
 
 
 def solve_statics(points, ways, dead, push, friction):
-    """Return the largest factor of a body on a floor, by a linear program.
+    """Return the largest factor of a push that a floor with friction balances, by a linear program.
 
-    Pressures p act upwards at points (m, dim). With the vectors `ways` (q, dim), the friction at a point is
-    sum_k a_k ways_k, where a_k >= 0 and sum_k a_k <= friction p. `dead` and `push` are wrenches.
+    `dead` and `push` are columns of :func:`wrench`; the factor multiplies `push`. At each of the points (m, dim) the
+    floor exerts an upward pressure p and the friction sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= friction p.
     """
     (m, dim), q = points.shape, len(ways)
     columns = [wrench(points, way) for way in (np.eye(dim)[-1], *ways)]
@@ -153,7 +153,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
 
 @FLOATS
 @pytest.mark.parametrize("law", ["Tresca", pytest.param("Coulomb", marks=pytest.mark.long)])
-def test_steps_find_equilibrium_below_the_factor_and_none_above(law):
+def test_steps_find_equilibrium_below_the_factor_but_not_above(law):
     """The block slides at the force 1.2, the largest that friction bears."""
     mesh = vx.meshes.voronoi(4, box=((0.0, 2.0), (0.0, 1.0)))
     friction = vx.CoulombFriction(0.2, on="bottom")

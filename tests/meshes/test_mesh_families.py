@@ -54,7 +54,7 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Compare sides without tolerance; build the mesh again from its points and cells, which are then checked."""
+    """Sides are exact. A mesh built again from the points and cells passes all checks, and is equal."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
@@ -90,7 +90,7 @@ def test_the_same_seed_gives_the_same_mesh(family):
 
 
 def count_cells_per_square(family):
-    """Return the number of cells divided by nx ny on a fine mesh: 2 for triangles, 1.9 for `hanging`."""
+    """Return the number of cells over the number of equal squares: 2 for triangles, 1.9 for `hanging`."""
     return round(FAMILIES[family]((40, 40)).n_cells / 1600, 1)
 
 
@@ -143,7 +143,7 @@ def test_hexagons_are_regular_where_they_fit():
     columns, rows = 6, 4
     mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
     whole = [cell for cell in mesh.cells if len(cell) == 6]
-    assert len(whole) == 2 * columns - 1  # the two inner rows: six hexagons; five hexagons and two halves
+    assert len(whole) == 2 * columns - 1  # one inner row has six hexagons, the other five and two halves
     for cell in whole:
         sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
         np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)
@@ -195,7 +195,7 @@ def test_voronoi_makes_the_requested_number_of_cells(cells):
 def test_voronoi_collapses_short_edges_by_default_and_evens_out_cells(seed):
     mesh = meshes.voronoi(cells=400, seed=seed)
     PolygonMesh(mesh.points, mesh.cells)
-    # The default of `shortest` is 0.02; shorter edges of triangles or between two sides of the box are kept.
+    # `shortest` is 0.02 by default. Shorter edges are kept in triangles, and between two sides of the box.
     assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
     assert measure_edges(mesh).min() * 20 > 1e-3
     raw = meshes.voronoi(cells=400, seed=seed, shortest=0.0)

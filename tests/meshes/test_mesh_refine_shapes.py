@@ -29,7 +29,7 @@ SHAPES = {
     "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }
-"""Outline, number of children, and a bound on diameter^2 / area in all passes: 15 to 27 % above the measured value."""
+"""Outline, number of children, and a bound on diameter^2 / area of all cells, 15 to 27 % above the measured value."""
 
 
 def make_cell(outline):

@@ -101,7 +101,7 @@ def test_tiny_edges_are_valid(offset):
 
 
 def test_unusual_meshes_are_valid():
-    """Check a slender cell, a hole, separate parts, cells that meet in a point, and widths from 2^-29 to 1/2."""
+    """Check a slender cell, a hole, separate parts, cells that meet in a point, and cells 2^-29 to 1/2 wide."""
     assert_valid([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
     assert_valid([(0, 0), (1, 0), (1, 1e-9), (0.5, 1e-9), (0, 1e-9)], [range(5)], 1e-9)
     mesh = vx.meshes.squares(3)

@@ -76,7 +76,7 @@ def arrows_of(collections):
 
 
 def assert_scaled(drawn, values):
-    """Check that each arrow is one of the values, all at one scale."""
+    """Check that each arrow is one of the vectors `values` times a common scale."""
     scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(values, axis=1).max()
     assert np.linalg.norm(drawn[:, None] - scale * values, axis=2).min(axis=1).max() < 1e-12 * scale
 
@@ -289,7 +289,7 @@ def test_the_loop_is_the_reaction_over_the_prescribed_motion(rubbed, tmp_path):
     u, force = ax.lines[0].get_xydata().T
     assert u == pytest.approx(0.1 * np.sin(2 * np.pi * rubbed.times), abs=1e-15)
     assert np.array_equal(force, rubbed.reaction("top")[:, 0])
-    # The area of a cycle is its work; between instants the loop is straight.
+    # The area of the loop is the work of a cycle. Between instants the loop is straight.
     cycle = slice(8, 41)
     work = float(np.sum(0.5 * (force[cycle][1:] + force[cycle][:-1]) * np.diff(u[cycle])))
     assert work == pytest.approx(np.ptp(rubbed.work_second_order[cycle][[0, -1]]), rel=1e-2)

@@ -22,7 +22,7 @@ def bounded():
 
 
 def find_bars(ax):
-    """Return the ends of the error bars of axes, (k, 2), and their places, (k,)."""
+    """Return the ends (k, 2) and the places (k,) of the error bars of axes."""
     (drawn,) = ax.containers
     ends = np.array(drawn.lines[2][0].get_segments())
     return ends[:, :, 1], ends[:, 0, 0]

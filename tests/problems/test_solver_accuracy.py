@@ -17,7 +17,7 @@ def test_no_true_error_exceeds_its_certificate():
     assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
     # The test is strict: some bounds are less than twice the true error, and some answers are far from the solution.
     assert max(row.true / row.certified for row in rows if row.certified > 1e-9) > 0.5
-    assert max(row.true for row in rows) > 1e-5  # errors of Clarabel where terms are degenerate
+    assert max(row.true for row in rows) > 1e-5  # Clarabel has such errors where terms are degenerate
     assert max(row.reference for row in rows) < 1e-12
     assert all(row.true < 1e-12 for row in rows if row.solver == "Newton")
 

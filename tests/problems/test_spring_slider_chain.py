@@ -1,4 +1,4 @@
-"""Springs and sliders against plays and stops: states, multipliers, loops and memory."""
+"""Springs and sliders are compared with play and stop operators: states, multipliers, loops and memory."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_the_chain_adds_up_plays(marched):
 
 @pytest.mark.long
 def test_the_area_of_closed_loops_is_the_lost_energy():
-    """The trapezoidal rule is exact: the slope of u(F) jumps two thresholds past a turn, always at an instant."""
+    """The trapezoidal rule is exact, because all kinks of u(F) are at instants."""
     trajectory = lesson.march(lesson.chain(FORCE), FORCE)
     u = trajectory.state[:, 0]
     first, last = lesson.turning_instants(FORCE)[[1, 8]]

@@ -17,19 +17,20 @@ NEWTON = vx.Newton(accuracy=1e-9)
 
 @for_all(case=cases(), data=st.data(), size=exponents(-6, 1), seed=SEEDS)
 def steps_are_stable(case, data, size, seed):
-    """Theorem 2.5 of the paper holds for steps under two loads f1, f2 and the same bounds; |.| without index is |.|_K.
+    """Steps under two loads f1, f2 and the same friction bounds obey Theorem 2.5 of the paper.
 
-    Let p = K^{-1} f, d_n = y_n - y_{n-1} and q = p_n - y_{n-1}. The step minimises 1/2 |d - q|_K^2 + j(d), so
-    d_n = prox_j(q), and r_n = p_n - y_n = q - d_n is the projection of q on a closed convex set, the subdifferential
-    of j at zero. In the inner product of K this subdifferential is monotone, (r1 - r2, d1 - d2) >= 0, hence
+    Step n has the load f_n, the state y_n and the friction term j. Let |x| = (x'Kx)^{1/2}, p = K^{-1} f,
+    d_n = y_n - y_{n-1} and q = p_n - y_{n-1}. The step minimises 1/2 |d - q|^2 + j(d). So d_n = prox_j(q), and
+    r_n = p_n - y_n = q - d_n is the projection of q on a closed convex set, the subdifferential of j at zero. The
+    subdifferential of j is monotone in the inner product of K, (r1 - r2, d1 - d2) >= 0. Hence
 
         |r1_n - r2_n|^2 + |d1_n - d2_n|^2 <= |q1 - q2|^2,   q1 - q2 = (r1 - r2)_{n-1} + ((p1 - p2)_n - (p1 - p2)_{n-1}),
 
-    which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. Summed from
-    equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*  with |f|_* = |K^{-1} f|.
+    which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. With
+    |f|_* = |K^{-1} f| and equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.
 
-    An error e of a step changes the pair (r, d) by at most sqrt(2) e, and r alone by at most e. We compute |r|_K as
-    |K r|_{K^{-1}} from the forces K r = f - K y, because the rounding errors of these forces have a known bound.
+    An error e of a step changes the pair (r, d) by at most sqrt(2) e, and r alone by at most e. We compute |r| as the
+    norm |K r|_* from the forces K r = f - K y, because the rounding errors of these forces have a known bound.
     """
     rng, K = np.random.default_rng(seed), case.K
     change = np.outer(data.draw(courses(len(case.times) - 1)), rng.normal(size=len(K)))
@@ -57,8 +58,8 @@ def forces_scale_the_answer(case, power, numerator):
     """(f, g) -> (c f, c g) gives c y: to the bit for powers of two, within the certificates for any c > 0.
 
     Scaling by powers of two rounds nothing. Loads and weights have 24 binary digits and c has at most 10, so c f and
-    c g are exact. Then c y_n and the answer y^c_n solve one problem, each within the sum of its certified errors,
-    because steps do not enlarge errors.
+    c g are exact. Then c y_n and the answer y^c_n approximate one exact solution. Their distance is at most
+    the sum of the certified errors of both runs so far, because steps do not enlarge errors.
     """
     plain = marched(case, NEWTON)
     doubled = case.times_forces(2.0**power).march(NEWTON, check=False)
@@ -77,8 +78,8 @@ def forces_scale_the_answer(case, power, numerator):
 def solvers_agree(case):
     """Newton, Clarabel and OSQP differ by at most the sum of their certified errors so far.
 
-    Steps do not enlarge earlier errors. Newton's certified error is at most 1e-6 of the load's energy norm, or its gap
-    is below the rounding floor.
+    Steps do not enlarge earlier errors. Newton's gap is at most e^2 / 2 plus the rounding floor, where e is 1e-6 of
+    the load's energy norm.
     """
     solvers = [vx.Newton(), vx.Clarabel()] + ([vx.OSQP()] if case.block == 1 else [])
     runs = [marched(case, solver) for solver in solvers]
@@ -93,12 +94,13 @@ def solvers_agree(case):
 
 @for_all(setting=settings_of_scenes(moving=True), which=st.sampled_from("NNC"))
 def ledger_closes(setting, which):
-    """Dissipation grows, and work - (E - E_0) - loss = sum 1/2 a(du, du) within the certificates.
+    """Dissipation grows, and work - dE - loss = sum 1/2 a(du, du) within the certificates, with the energy E.
 
-    With r = f - B'lam - K y at the end of a step,  work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du,  and the
-    loss is sum w|s|. So a step leaves r.du - (w|s| - lam.s), at most e |du|_K + gap; e is the certified error. The
-    sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to the loads. Each
-    step has fewer than twenty products and solves, each rounded by at most n eps |x|'M|y| with M = majorant(A).
+    A step has the increment du of the state, slips s = B du with bounds w, multipliers lam, and the residual
+    r = f - B'lam - K y. So work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du, and the loss is sum w|s|. The
+    error of the balance in a step is r.du - (w|s| - lam.s), at most e |du|_K + gap for the certified error e. The sums
+    contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to loads. A step has fewer than
+    twenty products and solves, and rounding changes each by at most n eps |x|'M|y|, with M = majorant(A).
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)

@@ -60,14 +60,14 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
     ],
 )
 def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
-    """Corners of equal conditions are marked above 180 degrees, corners of clamp and free side also at 90 degrees."""
+    """Corners of clamp and free side are marked at 90 degrees, corners of equal conditions above 180 degrees."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """The body and its mirror image form a wedge between clamps: it is singular if 2 * `degrees` exceeds 180."""
+    """The body and its mirror image form a wedge between clamps. Stress is unbounded if 2 * `degrees` exceeds 180."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)

@@ -1,4 +1,4 @@
-"""Forces and moments of sides and of sections, and mean values. Each force is due to an effect, and forces balance."""
+"""Forces, moments and mean values. Each force is due to an effect, and all forces balance."""
 
 import json
 
@@ -37,7 +37,7 @@ def assert_balanced(history, scene=None):
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, others]):
         np.add.at(nodal[row], acting.ends[others, 0], forces)
-        for load in between:  # `acting` includes these loads; history.forces, A u - f, does not.
+        for load in between:  # `acting` includes loads between two ends; history.forces = A u - f excludes them.
             nodal[row] -= load.vector(history.times[row]).reshape(nodal[row].shape)
     off = np.abs(nodal - history.forces)
     if history.is_axisymmetric:  # The axis holds its nodes radially; no effect of the scene has this force.
@@ -136,7 +136,7 @@ def test_a_section_includes_prestress():
 
 
 def test_means_of_stresses_and_of_linear_displacements_are_exact(dragged):
-    """The mean sigma_xy in the lower block is .6, as on its top. The mean of a linear field is its centroid's value."""
+    """The mean sigma_xy in the lower block is .6, as on its top. A linear field has its mean at the centroid."""
     assert dragged.mean("stress", on="low")[-1][2] == pytest.approx(0.6, abs=1e-12)
     mesh, gradient = small("voronoi", 4, seed=2), np.array([[1e-3, 0], [2e-3, 3e-3]])
     stretch = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on="boundary")

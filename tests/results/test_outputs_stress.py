@@ -22,7 +22,7 @@ planes = pytest.mark.parametrize("plane", ["strain", "stress"])
 
 
 def stretch(gradient, *effects):
-    """Return the scene of a body whose boundary moves by t gradient @ x."""
+    """Return the scene of a body whose boundary has the displacement t G x, with G = `gradient`."""
     gradient = np.array(gradient)
     return vx.Scene(*effects, vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on="boundary"))
 
@@ -80,7 +80,7 @@ def test_blocked_and_free_expansion_have_their_closed_forms(plane):
 
 
 def test_wood_in_plane_strain_has_its_out_of_plane_stress():
-    """In the axes of the wood, e_33 = -nu13 / E1 s_11 - nu23 / E2 s_22 + s_33 / E3 + alpha theta = 0."""
+    """The strain across the plane, -nu13 / E1 s_11 - nu23 / E2 s_22 + s_33 / E3 + alpha theta, is zero."""
     heat = vx.ThermalStrain(1e-3, lambda x, t: np.full(len(x), 20.0 * t))
     strain, angle = [[0.01, 0.02], [-0.005, 0.03]], 0.7
     history = run(stretch(strain, vx.Orthotropic(E, NU, G, angle, plane="strain"), heat))

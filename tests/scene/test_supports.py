@@ -92,7 +92,7 @@ def test_one_component_is_prescribed_and_the_other_is_free(direction, unit, degr
 @mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("surface", ["contact", "part of the contact", "no contact"])
 def test_every_friction_term_has_one_unknown(family, degrees, surface):
-    """With one unknown per term, sticking is exact, also on an incline."""
+    """If each friction term reads one unknown, sticking is exact, also on an incline."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
     # Normals of a part are means over fewer edges; they differ by rounding from the normals of the whole contact side.

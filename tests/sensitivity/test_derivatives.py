@@ -1,8 +1,8 @@
 """Derivatives of random scenes equal central differences of certified runs, and the adjoint equals the forward sweep.
 
 The step of the central differences is 1e-4 times the parameter. Their truncation error is about 1e-8 of the
-largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step
-whose active sets differ between the runs, or are about to change, because all later states depend on this step.
+largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step in
+which active sets of the runs differ, or are about to change. All later states depend on this step.
 Parameters have different units, so derivatives are compared after multiplication by the parameters.
 """
 

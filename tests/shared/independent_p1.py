@@ -1,6 +1,7 @@
 """Frictional contact on linear triangles, implemented independently with scikit-fem, cvxpy and Clarabel.
 
-This module does not use the package. A step of backward Euler is the convex program of all nodal displacements u,
+This module does not use the package. Let n_j be outward normals, and let the tangents t_i be normals rotated by +90
+degrees. A step of backward Euler is the convex program of all nodal displacements u,
 
     minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w_i |s_i|,   s_i = t_i.(u - u_prev),
               + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
@@ -11,8 +12,7 @@ possible. On the active sets of Clarabel's answer (slipping rows, pressing obsta
 solved again as a dense linear system, and all inequalities are checked. Coulomb's friction, w = mu p with pressures p,
 needs a fixed-point iteration, in which each program begins with the sets of the previous program.
 
-Signs: normals n_j point out of the body; tangents t_i are normals rotated by +90 degrees. Friction exerts the nodal
-force -lam_i t_i on the body, with |lam_i| <= w_i, and the obstacle exerts -p_j n_j.
+Friction exerts the nodal force -lam_i t_i on the body, with |lam_i| <= w_i, and the obstacle exerts -p_j n_j.
 """
 
 from __future__ import annotations
@@ -375,7 +375,7 @@ class March:
         self.press = self._find_pressing_walls()
 
     def _find_pressing_walls(self):
-        """Return the matrix (rubs, walls) with mu where an obstacle presses on the node of a friction row."""
+        """Return a matrix: mu for each friction row and each obstacle row at the same node, otherwise zero."""
         out = []
         for rows, _, mu in self.body.rubs:
             found = np.zeros((len(rows.nodes), len(self.spring)))
@@ -438,7 +438,7 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._solve_program(before, s, t, self.bounds(t, before.p))
-        # Begin with pressures under very large friction: the pressures of the last step might be too small for balance.
+        # Start from the pressures under very large friction. Friction by the last pressures might not balance the load.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
@@ -498,7 +498,7 @@ class March:
         acts = room > 0
         if rigid is not None:
             acts[~self.soft] = np.asarray(rigid.dual_value) > -room[~self.soft]
-        # A row sticks if its slip is nearer to zero than its multiplier is to the bound.
+        # A row sticks if |slip| <= bound - |multiplier|.
         return np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int), acts
 
     def _polish(self, H, f, gap, h, bounds, b, sets):

@@ -11,7 +11,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("coefficient", [0.5, 1.0])
 def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(coefficient):
-    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008) cycles here, even with its shifts."""
+    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008) cycles in these scenes."""
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.Clamp(on="right"),
@@ -36,7 +36,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 0, 1]])
 def test_dependent_bounds_are_obeyed(order):
-    """Three bounds act on two unknowns x and y. In any order of the bounds, the same two are active at the solution."""
+    """Three bounds act on two unknowns x and y. The same two bounds are active in each order."""
     mu, loads = 0.3, np.array([[0, 0, 0], [0.2, -0.5, 0.2], [1.0, 0.6, 0.9]])
     D = np.array([[1.0, 0, 0], [0, 1, 0], [2 / 5**0.5, 1 / 5**0.5, 0]])[order]
     law = vx.Law(

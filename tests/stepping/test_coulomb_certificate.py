@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider whose pressure grows with its slip u: at t = 1, p = 1 + .9 u, and u = 3.5 - w(p) if it slips."""
+    """Return a slider whose pressure is p = 1 + .9 u at t = 1. If the slider slips, the slip is u = 3.5 - w(p)."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)

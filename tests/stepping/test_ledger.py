@@ -102,7 +102,7 @@ FLOORS = {
 @few_families
 @mostly_long("floor", FLOORS, "rigid", "soft", "with Coulomb's friction")
 def test_the_ledger_closes_while_obstacles_move(family, floor):
-    """work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2: energy E, pressure p, z = u . n - gap, compliance c."""
+    """For energy E, pressure p, z = u . n - gap, compliance c: work - dE - loss = a(du, du)/2 + p . dz - c d(p^2)/2."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
     posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
@@ -154,7 +154,7 @@ def test_a_rising_floor_does_the_work_of_its_pressure(family, stiffness, damped)
     give, strain = 0.0 if stiffness is None else 1.0 / (stiffness * H), np.zeros(9)
     rate = tau * 8
     for n in range(1, 9):
-        # modulus (strain + rate (strain - before)) = pressure, and the floor yields by give * pressure.
+        # The pressure is modulus (strain + rate (strain - before)); the floor yields by `give` times the pressure.
         strain[n] = (way * times[n] / H + give * modulus * rate * strain[n - 1]) / (1 + give * modulus * (1 + rate))
     pressure = modulus * (strain + rate * np.diff(strain, prepend=0.0))
     work = np.append(0.0, np.cumsum(pressure[1:] * L * way / 8))

@@ -153,7 +153,7 @@ def test_error_budgets_refuse_laws_of_slip():
         vx.error_budget(simulate(Law(weakening, 30.0)))
 
 
-# An independent program: cvxpy minimises the energy of each step, and weights are updated until nothing changes.
+# Independently, cvxpy minimises the energy of a step for given weights, and the weights are updated until they settle.
 
 
 def random_system(rng, n=6, healing=False):
@@ -179,7 +179,7 @@ def random_system(rng, n=6, healing=False):
 
 
 def march_by_cvxpy(system, law, times):
-    """Return states from fixed-point iterations of cvxpy, and the largest change in a step's last iteration."""
+    """Return states from fixed-point iterations of cvxpy, and the largest change in a final iteration."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]
@@ -201,7 +201,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by certified errors and iteration errors; later steps enlarge each error less than 20 times."""
+    """States differ by at most the errors of both methods; later steps enlarge each error less than 20 times."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

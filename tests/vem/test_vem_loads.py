@@ -29,7 +29,7 @@ def evaluate_monomials(x):
 
 
 def integrate(corners):
-    """Integrate the monomials over a polygon: sum over triangles (origin, side), by the midpoints of their sides."""
+    """Integrate the monomials over the triangles of each side and the origin, from their three edge midpoints."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3
@@ -44,7 +44,7 @@ SHAPES = {
     ],
     "straight vertices": [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
     "thin": [(1, 1e-5), (0.3, 7e-5), (-0.8, 6e-5), (-0.9, -4e-5), (0.2, -1e-4)],
-    # The rule of four points would have points on the base of this triangle.
+    # A rule of four points, as for other cells, would have points on the base of this triangle.
     "hanging node": [(-1, 0), (0, 0), (1, 0), (0, 1.5)],
 }
 

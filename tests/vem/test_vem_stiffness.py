@@ -112,7 +112,7 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
 
 
 def compute_by_formula(mesh, tau):
-    """Compute the matrix (3.13) of the paper; three conditions form a 6 x 6 system for Pi of basis functions."""
+    """Compute the matrix (3.13) of the paper. In each cell, Pi of the basis functions solves a 6 x 6 system."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
     for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)
@@ -174,7 +174,7 @@ FACES = {
 
 @pytest.mark.parametrize("name", FACES)
 def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
-    """For area A, centroid c, normal nu, a_i = int phi_i: sum a_i = A, sum a_i x_i = A c, and b_i = a_i nu."""
+    """A face of area A and centroid c has the weights a_i = int phi_i, with sum a_i = A and sum a_i x_i = A c."""
     flat = np.array(FACES[name], dtype=float)
     after = np.roll(flat, -1, axis=0)
     cross = flat[:, 0] * after[:, 1] - after[:, 0] * flat[:, 1]
@@ -202,7 +202,7 @@ def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 @pytest.mark.filterwarnings("ignore:Elasticity. poisson")
-def test_errors_in_space_halve_with_h_whatever_lambda(family):
+def test_errors_in_space_halve_with_h_for_small_and_large_lambda(family):
     """lambda / mu is 1.5 or 1e6; tetrahedra have 1.5 only, because linear elements lock at 1e6."""
     for poisson in (0.3,) if family == "tetrahedra" else (0.3, 0.4999995):
         scene, lam = full_slip.scene(poisson, pulled=True), full_slip_in_plane.lame(poisson)

@@ -1,4 +1,4 @@
-"""Random stacks of bodies against independent programs: scikit-fem, cvxpy, Clarabel; see :mod:`independent_p1`.
+"""Random stacks of bodies are compared with the independent program of :mod:`independent_p1`.
 
 A stack has two or three bodies of triangles, on which virtual elements are linear elements. Moduli vary over two
 decades, gaps move, and friction between bodies is Tresca's or Coulomb's. The lowest body is clamped, or springs and
@@ -40,7 +40,7 @@ def draw(seed):
     soft, free = young.min(), rng.random() < 0.3
     effects += support_lowest(rng, soft, other)
     effects += load_uppermost(rng, soft, names[-1], other, free)
-    # Clarabel fails if only friction holds a body, by Coulomb's law at one joint and by Tresca's at another.
+    # If only friction holds a body, all joints have the same law, because Clarabel fails if laws differ.
     laws = np.full(len(other.joined), rng.random()) if free else rng.random(len(other.joined))
     for joint, law in zip(other.joined, laws, strict=True):
         effects += join(rng, soft, joint, other, free=free, coulomb=law < 0.5)
@@ -137,7 +137,7 @@ def assert_agreement(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_independent_programs(seed):
-    """In stack 25, Coulomb's fixed-point iteration passes through bounds that are too small to hold the middle body."""
+    """In stack 25, fixed-point iteration for Coulomb's law meets bounds that are too small to hold the middle body."""
     assert_agreement(seed)
 
 

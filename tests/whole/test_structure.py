@@ -31,9 +31,9 @@ PACKAGES = (
         "__main__",
     ),
 )
-"""Packages and modules in the order of CONTRIBUTING.md: each imports only earlier packages and modules, or `base`."""
+"""Packages and modules in the order of CONTRIBUTING.md. Each imports only earlier ones and `base`."""
 APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
-"""Packages of programs, and packages of meshes: neither group imports the other; `scene` imports both."""
+"""Packages of programs, and packages of meshes. Neither group imports the other group."""
 HEAVY = {
     "cvxpy": {"program/cvxpy_step.py", "program/step_program.py", "solvers/conic.py", "limit_analysis/limit_load.py"},
     "matplotlib": {"base/canvas.py"},
@@ -96,7 +96,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the modules that a file imports; `checking` and `late` add imports for types and imports in functions."""
+    """Yield the modules that a file imports, with imports for types if `checking`, and in functions if `late`."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +21,6 @@ from vemcvx.cli.collection.benchmark import (
     REFUSED,
     Trial,
     geometric_mean,
-    journal,
     measure,
     outcome_at,
     profile,
@@ -35,11 +33,11 @@ from vemcvx.program import StepProgram
 
 def make_trial(tolerance, seconds=None, true=None, certified=None, outcome=ANSWERED, instance="a"):
     certified = true if certified is None else certified
-    return Trial(instance, "d", 10.0, tolerance, outcome, seconds, true, certified, message="optimal")
+    return Trial(instance, tolerance, outcome, seconds, true, certified, message="optimal")
 
 
 def make_instance(name="a", **words):
-    return {"name": name, "sha256": "d", "certified": 1e-8, "optimum": {}, "steps": 1, "block": 1, **words}
+    return {"name": name, "certified": 1e-8, "optimum": {}, "steps": 1, "block": 1, **words}
 
 
 ENTRIES = {
@@ -175,7 +173,7 @@ def benchmark(*words):
 
 
 @pytest.mark.slow
-def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
+def test_solvers_are_compared(collection, tmp_path):
     asked = ["--solvers", f"newton,clarabel,scipy,{collection / 'own.py'}:Mine", "--tolerances", "1e-2,1e-6,1e-10"]
     asked += ["--out", tmp_path / "one", "--time-limit", "20"]
     assert "Absolute values and bounds: 2 instances" in benchmark(collection, *asked)
@@ -187,15 +185,6 @@ def test_solvers_are_compared_stored_and_merged(collection, tmp_path):
     assert all(float(row["true"]) <= float(row["certified"]) + 1e-12 for row in answered)
     for name in ("benchmark.txt", "profiles.png"):
         assert (tmp_path / "one" / name).stat().st_size > 500
-    before = {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")}
-    benchmark(collection, *asked)
-    assert {path.name: path.read_bytes() for path in (tmp_path / "one").glob("*.jsonl")} == before
-    # Results copied from another machine have rows in the table.
-    benchmark(collection, "--solvers", "osqp", "--out", tmp_path / "two", "--tolerances", "1e-2,1e-6")
-    for path in (tmp_path / "one").glob("*.jsonl"):
-        shutil.copy(path, tmp_path / "two")
-    merged = benchmark(collection, "--out", tmp_path / "two")
-    assert all(name in merged for name in ("newton", "clarabel", "Mine", "osqp"))
 
 
 NEWTON = """
@@ -231,10 +220,12 @@ def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_pa
 def test_solvers_that_hang_crash_or_raise_have_rows(collection, tmp_path):
     solvers = ",".join(f"{collection / 'own.py'}:{name}" for name in ("Hangs", "Crashes", "Raises", "Mine"))
     benchmark(collection, "--solvers", solvers, "--out", tmp_path, "--time-limit", "1")
-    rows = {path.name.split("_")[0]: {one.outcome for one in journal(path)} for path in tmp_path.glob("*.jsonl")}
-    assert rows == {"Hangs": {LATE}, "Crashes": {FAILED}, "Raises": {FAILED}, "Mine": {ANSWERED}}
-    assert "no pivot" in (tmp_path / "trials.csv").read_text()
-    assert "exit code 7" in (tmp_path / "trials.csv").read_text()
+    written = (tmp_path / "trials.csv").read_text()
+    found = {(row["solver"], row["outcome"]) for row in csv.DictReader(written.splitlines())}
+    ends = {"Hangs": LATE, "Crashes": FAILED, "Raises": FAILED, "Mine": ANSWERED}
+    assert found == {(f"{name} own.py", outcome) for name, outcome in ends.items()}
+    assert "no pivot" in written
+    assert "exit code 7" in written
 
 
 @pytest.mark.parametrize(
@@ -244,12 +235,11 @@ def test_solvers_that_hang_crash_or_raise_have_rows(collection, tmp_path):
         (["--only", "hard"], "--only: no grade or name has 'hard'"),
         (["--tolerances", "2"], "--tolerances: found '2'"),
         (["--solvers", "nobody"], "--solvers: there is no solver 'nobody'"),
-        ([], "no results are stored there"),
     ],
 )
 def test_invalid_options_are_refused(tmp_path, options, says):
     if options is not None:
         (tmp_path / "manifest.json").write_text(json.dumps({"instances": [make_instance(grade="easy")]}))
-    done = invoke("benchmark", tmp_path, *(options or []))
+    done = invoke("benchmark", tmp_path, "--solvers", "newton", *(options or []))
     assert done.exit_code == 2
     assert says in output_of(done)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import re
 from dataclasses import replace
 
@@ -38,17 +36,8 @@ initial = "settled"
 
 
 BROKEN = """
-import os, time
 import numpy as np
 import vemcvx as vx
-
-class Sleeping:
-    def solve(self, program, target):
-        time.sleep(60)
-
-class Dying:
-    def solve(self, program, target):
-        os._exit(3)
 
 class Failing:
     def solve(self, program, target):
@@ -174,16 +163,6 @@ def test_solvers_all_gives_a_row_to_every_installed_solver():
     assert read_outcomes(output)["SCIPY", "default"].startswith("refused the program has quadratic")
 
 
-@pytest.mark.long
-def test_options_of_solvers_are_used_and_printed():
-    output = compare("--option", "clarabel.max_iter=5", "--solvers", "newton,CLARABEL")
-    # A step that missed is solved again, and a third time if the second attempt was better.
-    assert 2 * 5 <= int(read_rows(output)["Clarabel", "default"][6]) <= 3 * 5
-    assert "max_iter = 5 (by --option)" in output
-    refused = compare("--option", "clarabel.speed=9", "--solvers", "newton,clarabel")
-    assert read_outcomes(refused)["Clarabel", "tuned"].startswith("refused refused the options {'speed': 9}")
-
-
 @pytest.fixture
 def broken(tmp_path):
     (tmp_path / "broken.py").write_text(BROKEN)
@@ -214,35 +193,6 @@ def test_an_error_of_the_problem_is_printed_once(tmp_path):
     assert done.exit_code == 2, done.output
     told = " ".join(done.output.split())
     assert told.count("contradicts its supports at t = 0, by 0.01") == told.count("a mistake") == 1
-
-
-@pytest.mark.slow
-def test_a_time_limit_ends_the_process_of_a_solver(broken):
-    """The solver Sleeping would take a minute."""
-    solvers = f"newton,{broken}:Sleeping,{broken}:Dying,clarabel"
-    output = compare("--time-limit", "20", "--solvers", solvers)
-    assert {key: told for key, told in read_outcomes(output).items() if key[1] == "own"} == {
-        ("Sleeping", "own"): "failed its process was stopped after 20 s",
-        ("Dying", "own"): "failed its process ended with exit code 3",
-    }
-    solved = [key for key, line in read_rows(output).items() if line[1] != "-"]
-    assert solved == [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default")]
-
-
-@pytest.mark.long
-def test_json_and_csv_have_the_same_rows(tmp_path):
-    paths = {kind: tmp_path / f"told.{kind}" for kind in ("json", "csv")}
-    written = [part for kind, path in paths.items() for part in (f"--{kind}", path)]
-    compare("--solvers", "newton,clarabel,direct", *written)
-    told = json.loads(paths["json"].read_text())
-    names = [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default"), ("Direct", "own")]
-    assert [(row["solver"], row["settings"]) for row in told["rows"]] == names
-    assert [row["outcome"] for row in told["rows"]][::3] == ["certified", "refused"]
-    assert told["trustworthy"] is True
-    assert "max_threads = 1" in told["rows"][1]["options"]
-    with paths["csv"].open(newline="") as file:
-        for line, row in zip(csv.DictReader(file), told["rows"], strict=True):
-            assert line == {key: "" if value is None else str(value) for key, value in row.items()}
 
 
 def test_certificates_bound_distances_unless_limits_meet_friction_or_damping():

@@ -11,12 +11,10 @@ A certificate is *good* if it is as small as requested, apart from its rounding 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -26,14 +24,11 @@ from vemcvx.base.arrays import Floats
 from vemcvx.base.errors import NotAccepted, NotCertified, SceneError, VemcvxError
 from vemcvx.base.outline import count_steps
 from vemcvx.base.table import Table
-from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Options, Settings, Steps
-from vemcvx.cli.problem_file import Posed, Problem, read_problem
-from vemcvx.cli.solver_names import NAMES, make_solver, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, check_writable, limit_log, parse_list, progress_bar, say, write_text
-from vemcvx.cost.rows import csv
-from vemcvx.cost.workers import Crashed, call_in_process
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings
+from vemcvx.cli.problem_file import Posed, read_problem
+from vemcvx.cli.solver_names import NAMES, make_solver
+from vemcvx.cli.terminal import NOT_CERTIFIED, limit_log, parse_list, progress_bar, say
 from vemcvx.program import System
-from vemcvx.results.files import finite_or_none
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
@@ -58,7 +53,6 @@ class Row:
     iterations: int | None = None
     seconds: float | None = None
     message: str = ""
-    options: str = ""
 
     @property
     def label(self) -> str:
@@ -88,8 +82,6 @@ class Comparison:
         for row in self.rows:
             if row.message:
                 yield f"{row.label}: {row.outcome}: {row.message}"
-            if row.certified is not None and row.options:
-                yield f"{row.label}: settings {row.options}"
         if self.most_certain is not None and not self.rigorous:
             why = "friction depends on pressure or slip, or one-sided contact meets friction or viscosity"
             yield f"allowed: no bound here: {why}"
@@ -168,42 +160,28 @@ class Compare:
     file: File
     mesh: Mesh = None
     n: N = None
-    steps: Steps = 8
+    steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8
     solvers: Annotated[
         str, typer.Option(metavar="A,B,...", help="Names of solvers, FILE.py:CLASS, or all for every installed solver.")
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
-    options: Options = NONE
-    time_limit: Annotated[float | None, typer.Option(min=0.01, metavar="SECONDS", help="Limit of each solver.")] = None
-    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
-    csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table to this file.")] = None
     settings: Settings = NONE
 
     def __call__(self) -> None:
         """Solve a problem by several solvers, and compare their answers and certificates."""
-        for option, path in (("--json", self.json), ("--csv", self.csv)):
-            if path is not None:
-                check_writable(path, option)
-        problem, solvers = read_problem(self.file), entrants(self)
+        problem, solvers = read_problem(self.file), entrants(self.solvers, self.accuracy)
         with limit_log(1), progress_bar("posing") as show:
-            posed = self.pose(problem)
+            mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
+            posed = problem.pose(self.settings, mesh, self.steps)
             system = pose_scene(posed.scene, posed.mesh, posed.times.tolist()).system
             attempts = list[Attempt]()
-            for i, (solver, settings) in enumerate(solvers):
-                given = solver.options if isinstance(solver, ThroughCvxpy) else {}
-                options = ", ".join(f"{name} = {value!r} (by --option)" for name, value in given.items())
-                row = Row(solver=solver.name, settings=settings, asked=solver.accuracy, options=options)
-                doing = f"{row.label}, {i + 1} of {len(solvers)}"
+            for i, (solver, settings) in enumerate(solvers, start=1):
+                row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
+                doing = f"{row.label}, {i} of {len(solvers)}"
                 show(doing, 0, self.steps)
-                try:
-                    if self.time_limit is None:
-                        row, run = attempt(problem.path, self, i, row, partial(show, doing))
-                    else:
-                        row, run = call_in_process(attempt, problem.path, self, i, row, seconds=self.time_limit)
-                except (Crashed, VemcvxError) as error:
-                    row, run = replace(row, outcome=FAILED, message=_own_words(str(error))), None
+                row, run = attempt(replace(posed, solver=solver), row, partial(show, doing))
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
-                say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
+                say(f"{i} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
             # If all solvers that accept the program fail with the same error, the problem is at fault.
             tried = [(row.outcome, row.message) for row, _ in attempts if row.outcome != REFUSED]
@@ -212,36 +190,21 @@ class Compare:
             found = judge(system, attempts)
         title = f"{problem.name}: {problem.title}"
         size = f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {count_steps(self.steps)}"
-        if self.json is not None:
-            rows = [
-                {key: finite_or_none(x) if isinstance(x, float) else x for key, x in asdict(row).items()}
-                for row in found.rows
-            ]
-            contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
-            write_text(self.json, f"{json.dumps(contents, indent=1)}\n", "--json")
-        if self.csv is not None:
-            write_text(self.csv, csv([asdict(row) for row in found.rows]), "--csv")
         say(in_words(found, title, size))
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
 
-    def pose(self, problem: Problem) -> Posed:
-        """Return the arguments of `simulate`, without a solver."""
-        mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
-        return problem.pose(self.settings, mesh, self.steps)
 
-
-def entrants(command: Compare) -> list[tuple[Solver, str]]:
+def entrants(typed: str, accuracy: float | None) -> list[tuple[Solver, str]]:
     """Return pairs (solver, settings): for solvers of cvxpy "default", and "tuned" if vemcvx tunes them; else "own"."""
     # The import of cvxpy must not be in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
-    typed = parse_list("--solvers", command.solvers, str, "names such as newton,clarabel,SCS, or all")
-    spelt = [name if ":" in name else name.lower() for name in typed]
+    chosen = parse_list("--solvers", typed, str, "names such as newton,clarabel,SCS, or all")
+    spelt = [name if ":" in name else name.lower() for name in chosen]
     names = list(dict.fromkeys(one for name in spelt for one in (every if name == "all" else [name])))
-    options = read_options(command.options, names)
     found: list[tuple[Solver, str]] = []
     for name in names:
-        solver = make_solver(name, command.accuracy, "--solvers", options.get(name, {}))
+        solver = make_solver(name, accuracy, "--solvers")
         if not isinstance(solver, ThroughCvxpy):
             found.append((solver, "own"))
         else:
@@ -250,16 +213,15 @@ def entrants(command: Compare) -> list[tuple[Solver, str]]:
     return found
 
 
-def attempt(
-    path: Path, command: Compare, i: int, row: Row, progress: Callable[[int, int], None] | bool = False
-) -> Attempt:
-    """Solve the problem by solver `i`; an exception becomes an outcome."""
-    posed = replace(command.pose(read_problem(path)), solver=entrants(command)[i][0])
+def attempt(posed: Posed, row: Row, progress: Callable[[int, int], None]) -> Attempt:
+    """Solve the problem; an exception becomes an outcome."""
     try:
         history = posed.simulate(check=False, progress=progress)
     except (NotAccepted, NotCertified) as error:
         first_clause = re.split(r"[;.](?:\s|$)", _own_words(str(error)), maxsplit=1)[0]
         return replace(row, outcome=REFUSED if isinstance(error, NotAccepted) else MISSED, message=first_clause), None
+    except VemcvxError as error:
+        return replace(row, outcome=FAILED, message=_own_words(str(error))), None
     except MemoryError:
         return replace(row, outcome=FAILED, message="it ran out of memory"), None
     return replace(row, seconds=sum(history.seconds.values())), history.trajectory

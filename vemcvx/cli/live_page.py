@@ -6,7 +6,6 @@ import importlib.util
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
@@ -22,7 +21,7 @@ from vemcvx.cli.options import File
 from vemcvx.cli.problem_file import execute_file, read_problem, run_user_code
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import check_writable, limit_log, say, write_text
+from vemcvx.cli.terminal import check_writable, say, write_text
 
 GIVEN = "VEMCVX_APP"  # The environment variable that passes the problem file to the page.
 PAGE = "live_page.py"
@@ -41,7 +40,6 @@ class App:
     file: File = ""
     port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port of the page. (default: a free one)")] = None
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
-    check: Annotated[bool, typer.Option("--check", help="Test the page without a browser.")] = False
     html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write a page that needs no Python.")] = None
     step: Annotated[int, typer.Option(min=1, help="The step that PAGE shows first.")] = 1
 
@@ -54,19 +52,8 @@ class App:
         if self.html is not None:
             check_writable(self.html, "--html")
             say(write(self.html, self.step))
-        elif self.check:
-            say(check())
         else:
             serve(self.port, self.browser)
-
-
-def check() -> str:
-    """Run all cells of the page without a browser; return a line with the certificate."""
-    start = time.perf_counter()
-    with limit_log(0):
-        _, cells, found = _run()
-    error, steps = found["history"].certified.max(), count_steps(found["history"].steps)
-    return f"app: all {cells} cells run, in {time.perf_counter() - start:.1f} s; {steps} certified to {error:.0e}."
 
 
 def serve(port: int | None, browser: bool) -> None:
@@ -85,7 +72,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 def write(path: Path, first: int) -> str:
     """Write a page with pictures and numbers of some steps, which opens at step `first`; return a line to print."""
-    module, _, found = _run()
+    module, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units
     if not first <= history.steps:
@@ -109,13 +96,13 @@ def write(path: Path, first: int) -> str:
     return f"{path} shows {len(steps)} of {count_steps(history.steps)}."
 
 
-def _run() -> tuple[Any, int, Mapping[str, Any]]:
-    """Run the cells of the page; return its module, the number of cells, and the values that they define by name."""
+def _run() -> tuple[Any, Mapping[str, Any]]:
+    """Run the cells of the page; return its module, and the values that they define by name."""
     _require_marimo()
     path = problems_folder() / PAGE
     module = execute_file(path, "app")
-    outputs, found = run_user_code(path, "running its cells", module.app.run)
-    return module, len(outputs), found
+    _, found = run_user_code(path, "running its cells", module.app.run)
+    return module, found
 
 
 def _require_marimo() -> None:

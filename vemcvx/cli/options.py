@@ -13,9 +13,7 @@ Linear = Annotated[str | None, typer.Option(help="superlu, pardiso, iterative, p
 CELLS = "Cells across the shortest side."
 N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]
 FineN = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space or with --target)")]
-Steps = Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")]
 Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 SolverName = Annotated[str, typer.Option(help="newton, clarabel, osqp, direct, one of cvxpy, or FILE.py:CLASS.")]
-Options = Annotated[list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver.")]
 NONE: Any = ()  # The default of options that may be repeated.

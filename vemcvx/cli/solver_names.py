@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from vemcvx.base.arrays import brief
 from vemcvx.base.errors import ProblemError
-from vemcvx.cli.problem_file import execute_file, parse_literal, run_user_code
+from vemcvx.cli.problem_file import execute_file, run_user_code
 from vemcvx.linear import Iterative, LinearSolver, Pardiso, PETSc, SuperLU, all_ranks, serve
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver, interfaces, list_installed
 
@@ -18,13 +17,10 @@ LINEAR: dict[str, type[LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso,
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
-def make_solver(
-    name: str, accuracy: float | None, option: str = "--solver", settings: Mapping[str, Any] | None = None
-) -> Solver:
+def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
     """Return the solver of a name: of vemcvx, of cvxpy (in upper or lower case), or FILE.py:NAME."""
-    given = dict(settings or {})
     if ":" in name:
-        made = load_from_file(name, option, "solver", "solve(program, target)", _solves, **given)
+        made = load_from_file(name, option, "solver", "solve(program, target)", _solves)
         solver: Solver = run_user_code(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
         solver = solver if accuracy is None else solver.with_accuracy(accuracy)
         solver.check_accuracy()
@@ -34,38 +30,13 @@ def make_solver(
             f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, those that cvxpy finds here, "
             f"{', '.join(list_installed())}, and your own, FILE.py:CLASS."
         )
-    if accuracy is not None:
-        given["accuracy"] = accuracy
-    kind = NAMES.get(name.lower(), ThroughCvxpy)
-    own = [key for key in inspect.signature(kind).parameters if key not in ("solver", "options", "tuned")]
-    others = {key: given.pop(key) for key in list(given) if key not in own}
-    # All other settings are passed to the library of the solver.
-    if kind is ThroughCvxpy:
-        return ThroughCvxpy(name.upper(), **given, options=others)
-    if issubclass(kind, ThroughCvxpy):
-        return kind(**given, options=others)
-    if others:
-        raise ProblemError(f"--option: {name} has no setting {min(others)!r}; it has {', '.join(own)}.")
-    return kind(**given)
+    given: dict[str, Any] = {} if accuracy is None else {"accuracy": accuracy}
+    kind = NAMES.get(name.lower())
+    return ThroughCvxpy(name.upper(), **given) if kind is None else kind(**given)
 
 
-def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the settings of each solver, by its typed name, from words such as "clarabel.max_iter=200"."""
-    called = {name.rpartition(":")[2].lower(): name for name in names}
-    found: dict[str, dict[str, Any]] = {}
-    for words in typed:
-        key, equals, text = words.partition("=")
-        solver, dot, setting = key.strip().partition(".")
-        if not (equals and dot and solver and setting):
-            raise ProblemError(f"--option: found {words!r}; wanted SOLVER.NAME=VALUE, such as clarabel.max_iter=200.")
-        if solver.lower() not in called:
-            raise ProblemError(f"--option: {solver!r} is none of the chosen solvers, {', '.join(called)}.")
-        found.setdefault(called[solver.lower()], {})[setting] = parse_literal(text)
-    return found
-
-
-def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool], **settings: Any) -> Any:
-    """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class with the given settings."""
+def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool]) -> Any:
+    """Return the solver FILE.py:NAME of a user's file: an object, or an instance of a class."""
     file, _, name = typed.rpartition(":")
     path = Path(file)
     module = execute_file(path, f"file of a {noun}")
@@ -75,12 +46,7 @@ def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[
     found = getattr(module, name)
     if not fits(found if isinstance(found, type) else type(found)):
         raise ProblemError(f"{option}: {path}: {name} is {brief(found)}; wanted a class with {has}, or its object.")
-    if not isinstance(found, type):
-        if settings:
-            raise ProblemError(f"--option: {path}: {name} is an object, which takes no settings; name its class.")
-        return found
-    words = ", ".join(f"{key}={value!r}" for key, value in settings.items())
-    return run_user_code(path, f"{name}({words})", partial(found, **settings))
+    return run_user_code(path, f"{name}()", found) if isinstance(found, type) else found
 
 
 def _solves(kind: type) -> bool:

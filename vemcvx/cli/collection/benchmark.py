@@ -16,12 +16,10 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, fields, replace
-from hashlib import sha256
+from dataclasses import astuple, dataclass, fields, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -87,7 +85,7 @@ class Benchmark:
     """The command `vemcvx benchmark`."""
 
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `vemcvx collection` wrote.")]
-    solvers: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: show results)")] = None
+    solvers: Annotated[str, typer.Option(metavar="A,B,...", help="Solvers.")]
     time_limit: Annotated[float, typer.Option(min=0.01, metavar="SECONDS", help="Time limit of one trial.")] = 60.0
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
@@ -99,22 +97,18 @@ class Benchmark:
         """Compare solvers on a collection at equal true accuracy: sweep tolerances, write a table and a picture."""
         instances = read_instances(self.folder, self.only)
         tolerances = parse_list("--tolerances", self.tolerances, fraction, FRACTIONS)
-        names = () if self.solvers is None else parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
+        names = parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
         out = self.out or self.folder / "benchmark"
-        entrants = {name: Entrant(name) for name in names}
-        labels = {name: entrant.label for name, entrant in entrants.items()}  # An unknown name raises an error here.
+        entrants = {entrant.label: entrant for entrant in map(Entrant, names)}
+        entries = dict[str, dict[str, list[Trial]]]()
         with Owned(out) as files, progress_bar("benchmark") as show:
-            for name, entrant in entrants.items():
-                label = labels[name]
-                kept = files.take(re.sub(r"[^\w.=+ -]+", "_", label).replace(" ", "_") + ".jsonl")
-                ladder = entrant.ladder(tolerances)
-                new = [(Trial(one["name"], one["sha256"], self.time_limit), ladder) for one in instances]
-                while todo := list(remaining_work(journal(kept), new)):
-                    show(label, len(new) - len(todo), len(new))
-                    try_in_process(entrant, self.folder, todo[:BATCH], kept)
-            entries = read_journals(out, instances)
-            if not entries:
-                raise ProblemError(f"{out}: no results are stored there; name solvers by --solvers.")
+            for name in (TABLE, WORDS, PROFILES):
+                files.take(name)
+            for label, entrant in entrants.items():
+                own = entries[label] = {}
+                for trial in run_trials(entrant, self.folder, instances, entrant.ladder(tolerances), self.time_limit):
+                    own.setdefault(trial.instance, []).append(trial)
+                    show(label, len(own), len(instances))
             heads = ("solver", *(field.name for field in fields(Trial)))
             tried = [(label, *astuple(one)) for label, own in entries.items() for some in own.values() for one in some]
             files.write(TABLE, Table(heads, tried).csv())
@@ -134,7 +128,7 @@ def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
     """Return the instances of a collection; with `only`, those whose grade or name has one of these words."""
     path = folder / MANIFEST
     try:
-        rows = [{**row, "sha256": row["sha256"]} for row in json.loads(path.read_text(encoding="utf-8"))["instances"]]
+        rows: Sequence[Row] = json.loads(path.read_text(encoding="utf-8"))["instances"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         how = f"write one by vemcvx collection --out {folder}"
         raise ProblemError(f"{folder}: has no {MANIFEST} of a collection ({error}); {how}.") from error
@@ -162,8 +156,6 @@ class Trial:
     """The result of a solver with one tolerance on one instance."""
 
     instance: str
-    sha256: str  # hash of the file; results for another file with the same name do not count
-    limit: float  # time limit, seconds
     tolerance: float | None = None  # None if the solver has none
     outcome: str = BEGUN
     seconds: float | None = None
@@ -180,90 +172,58 @@ class Trial:
         return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
-Work = tuple[Trial, tuple[float | None, ...]]  # An unfinished trial, and the tolerances that are not yet tried.
+Ladder = Sequence[float | None]  # Tolerances of a solver, from loose to tight; None if the solver has none.
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 """The label of a solver -> the name of an instance -> its trials."""
 
 
-def journal(path: Path) -> list[Trial]:
-    """Return the trials in a journal, a line of JSON each; damaged lines and lines of other versions are left out."""
-    trials: list[Trial] = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+def run_trials(
+    entrant: Entrant, folder: Path, instances: Sequence[Row], ladder: Ladder, limit: float
+) -> Iterator[Trial]:
+    """Yield the trials of a solver; a new process begins after BATCH instances, and after a late or crashed trial."""
+    spawn, names = get_context("spawn"), [one["name"] for one in instances]
+    while names:
+        here, there = spawn.Pipe(duplex=False)
+        given = there, entrant, folder, names[:BATCH], ladder, limit
+        process = spawn.Process(target=try_all, args=given, daemon=True)
+        process.start()
+        there.close()
+        trial, seconds, outcome = None, None, LATE
         try:
-            trials.append(Trial(**json.loads(line)))
-        except (ValueError, TypeError):
-            continue
-    return trials
+            while here.poll(seconds):
+                trial, seconds = here.recv()
+                if trial.outcome != BEGUN:
+                    yield trial
+        except EOFError:
+            process.join()
+            outcome = FAILED
+        finally:
+            process.kill()
+            process.join()
+        words = f"its process ended with exit code {process.exitcode}"
+        if trial is None:
+            raise ProblemError(f"benchmark: {entrant.label}: {words} before anything was tried.")
+        if trial.outcome == BEGUN:
+            yield replace(trial, outcome=outcome, message=words if outcome == FAILED else "")
+        names = names[names.index(trial.instance) + 1 :]
 
 
-def remaining_work(trials: Sequence[Trial], work: Sequence[Work]) -> Iterator[Work]:
-    """Yield the work that the trials do not cover; late trials are repeated if the time limit is now larger."""
-    for new, ladder in work:
-        own = [one for one in trials if (one.instance, one.sha256) == (new.instance, new.sha256)]
-        late = any(one.outcome == LATE and one.limit >= new.limit for one in own)
-        ended = late or any(one.outcome in (REFUSED, FAILED) or one.is_enough for one in own)
-        rest = tuple(one for one in ladder if all(one != done.tolerance or done.outcome == LATE for done in own))
-        if rest and not ended:
-            yield new, rest
-
-
-def read_journals(folder: Path, instances: Sequence[Row]) -> Entries:
-    """Return the trials in all journals of a folder; trials on other versions of the instances are left out."""
-    files = {one["name"]: one["sha256"] for one in instances}
-    found: dict[str, dict[str, list[Trial]]] = {}
-    for path in sorted(folder.glob("*.jsonl")):
-        for trial in journal(path):
-            if files.get(trial.instance) == trial.sha256:
-                own = found.setdefault(path.stem.replace("_", " "), {})
-                own.setdefault(trial.instance, []).append(trial)
-    return found
-
-
-def try_in_process(entrant: Entrant, folder: Path, work: Sequence[Work], path: Path) -> None:
-    """Try a solver in a new process until the work ends, a trial is late, or the process dies; extend the journal."""
-    spawn = get_context("spawn")
-    here, there = spawn.Pipe(duplex=False)
-    process = spawn.Process(target=try_all, args=(there, entrant, folder, work), daemon=True)
-    process.start()
-    there.close()
-    trial, seconds, outcome = None, None, LATE
-    try:
-        while here.poll(seconds):
-            trial, seconds = here.recv()
-            if trial.outcome != BEGUN:
-                _note(path, trial)
-    except EOFError:
-        process.join()
-        outcome = FAILED
-    finally:
-        process.kill()
-        process.join()
-    words = f"its process ended with exit code {process.exitcode}"
-    if trial is None:
-        raise ProblemError(f"benchmark: {entrant.label}: {words} before anything was tried.")
-    if trial.outcome == BEGUN:
-        _note(path, replace(trial, outcome=outcome, message=words if outcome == FAILED else ""))
-
-
-def _note(path: Path, trial: Trial) -> None:
-    with path.open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(asdict(trial)) + "\n")
-
-
-def try_all(pipe: Connection, entrant: Entrant, folder: Path, work: Sequence[Work]) -> None:
+def try_all(
+    pipe: Connection, entrant: Entrant, folder: Path, names: Sequence[str], ladder: Ladder, limit: float
+) -> None:
     """Try a solver on instances in this process; send each trial, and the seconds until the next message is due."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
     use_one_thread()
-    for trial, ladder in work:
-        programs = sequence_from_npz(folder / f"{trial.instance}.npz")
-        status = json.loads((folder / f"{trial.instance}.json").read_text(encoding="utf-8")).get("status", "")
-        trial = replace(trial, tolerance=ladder[0])
+    for name in names:
+        programs = sequence_from_npz(folder / f"{name}.npz")
+        status = json.loads((folder / f"{name}.json").read_text(encoding="utf-8")).get("status", "")
+        trial = Trial(name, ladder[0])
         try:
             pipe.send((trial, None))
             calls = entrant.make_calls(programs)
             for tolerance in ladder:
                 trial = replace(trial, tolerance=tolerance)
-                pipe.send((trial, trial.limit))
+                pipe.send((trial, limit))
                 ended = replace(trial, outcome=ANSWERED, **measure(calls, programs, tolerance, status))
                 pipe.send((ended, None))
                 if ended.is_enough:
@@ -292,15 +252,15 @@ class Entrant:
 
     @property
     def label(self) -> str:
-        """The name, with the version of the library or of vemcvx, or a hash of the user's file."""
+        """The name, with the version of the library or of vemcvx, or with the name of the user's file."""
         solver, name = self.solver, self.typed.lower()
         if ":" in self.typed:
-            return f"{solver.name} {sha256(Path(self.typed.rpartition(':')[0]).read_bytes()).hexdigest()[:8]}"
+            return f"{solver.name} {Path(self.typed.rpartition(':')[0]).name}"
         if isinstance(solver, ThroughCvxpy):
             return f"{name} {version_of(PACKAGES.get(solver.solver, name)) or 'unknown'}"
         return f"{name} {__version__}"
 
-    def ladder(self, tolerances: Sequence[float]) -> tuple[float | None, ...]:
+    def ladder(self, tolerances: Sequence[float]) -> Ladder:
         """Return the tolerances for this solver, from loose to tight."""
         name = getattr(self.solver, "solver", None)
         if name is not None and name not in LIBRARIES:

@@ -19,7 +19,6 @@ from vemcvx.base.outline import Lines, Outline, Outlined, count_steps
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import probe
-from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.sections import Section, mean, section
 from vemcvx.results.stages import join
@@ -64,15 +63,11 @@ class History(Results, Outlined):
     inactive : tuple of str
         A sentence for each effect without influence on this run, and on the mean motion if nothing holds the body.
     errors : dict or None
-        Relative energy errors of an adaptive run: "algebra", "space", "time" and their sum "total"; "target" if given.
+        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
     sides : Sides or None
         The conditions on the boundary, from which `extremes` finds corners and point loads.
     growth : dict of str to str, or None
         Extremes that grew on the last meshes of an adaptive run: key of the extreme -> sentence.
-    quantities : dict of str to Quantity, or None
-        "dissipated", "work" and "wear" with their estimated errors, if requested: see :func:`vemcvx.quantities`.
-    dissipated_error, work_error : (N + 1,) or None
-        With `quantities`: the estimated errors of `dissipated_second_order` and `work_second_order`.
     bound : dict or None
         With ``simulate(..., bound=True)``: bounds "upper" and "lower" on the mesh error in the energy norm, of the step
         with the largest upper bound, "step", given the step before (:func:`vemcvx.error_bound`). "relative" is "upper"
@@ -340,7 +335,7 @@ def in_words(history: Results) -> Outline:
         *([("per turn", "forces, works and energies are per full turn")] if history.is_axisymmetric else []),
         ("certified", certified),
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
-        *_errors(history.errors, history.quantities),
+        *_errors(history.errors),
         *_bound(history.bound),
         ("iterations", cost),
         ("energy", f"stored {run.energy[-1]:.6g}{most}, {quoted}, of second order in the step"),
@@ -359,10 +354,8 @@ def _bound(bound: dict[str, Any] | None) -> Lines:
     return [("bounded" if bound["reading"] else "guaranteed", f"{words}; {bound['kind']}")]
 
 
-def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:
-    lines = [(name, one.words) for name, one in (quantities or {}).items()]
+def _errors(errors: dict[str, float] | None) -> Lines:
     if errors is None:
-        return lines
+        return []
     parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
-    target = f"; the target was {errors['target']:.2%}" if "target" in errors else ""
-    return [("estimated", f"{errors['total']:.2%} energy error ({parts}){target}"), *lines]
+    return [("estimated", f"{errors['total']:.2%} energy error ({parts}); the target was {errors['target']:.2%}")]

@@ -20,7 +20,7 @@ from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import Mesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
-from vemcvx.results.results import Results, record, warn_of_large_strains, warn_of_lost_work, with_origin
+from vemcvx.results.results import Results, record, warn_of_large_strains, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.contact import find_missing_contact
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
@@ -136,7 +136,6 @@ def simulate(
             storage=storage,
         )
         results = record(posed, trajectory, assembled, storage)
-        warn_of_lost_work(trajectory)
         warn_of_large_strains(posed, results)
         history = History.from_results(results, begins(initial))
         return history if add_bounds is None or history.steps == 0 else add_bounds(history)

@@ -1,13 +1,10 @@
 """Estimated errors of friction work, work and wear, compared with runs of many steps and on finer meshes."""
 
-import logging
-
 import numpy as np
 import pytest
 from scenes import mostly_slow
 
 import block_in_space
-import feng_han_huang
 import missed_reversal
 import two_blocks_in_series
 import vemcvx as vx
@@ -71,12 +68,9 @@ def measure_errors(history, truth):
 
 @pytest.mark.long
 @mostly_slow("name", RUNS, *(name for name in RUNS if not name.startswith("Coulomb")))
-def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, caplog):
-    """There is a warning if, and only if, the work summed by backward Euler is off by more than 5 %."""
+def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name):
     run, steps = RUNS[name]
-    with caplog.at_level(logging.WARNING, logger="vemcvx"):
-        history = run(steps)
-        warned = [r for r in caplog.records if r.getMessage().startswith("time steps: ")]
+    history = run(steps)
     found, exact = vx.quantities(history), run(32 * steps)
     truth = final_values(exact)
     assert list(found) == NAMES
@@ -87,9 +81,6 @@ def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name, c
         assert one.steps <= 5.0 * off + 1e-8 * abs(true)
         assert one.error == (one.steps if np.isnan(one.mesh) else one.steps + one.mesh)
         assert not np.isnan(one.mesh)
-    # If steps lose 3 to 7 % of the work, a warning is optional: the package compares with another inexact work.
-    lost = abs(history.work[-1] - truth[1]) / truth[1]
-    assert bool(warned) == (lost > 0.05) or 0.03 < lost < 0.07
 
 
 @pytest.mark.long
@@ -132,17 +123,3 @@ def test_histories_from_files_have_no_quantities(tmp_path):
     pad(6, 3).write(tmp_path)
     with pytest.raises(vx.HistoryError, match=r"quantities: this history was read from files"):
         vx.quantities(vx.read_history(tmp_path))
-
-
-@pytest.mark.long
-def test_work_lost_in_large_steps_causes_one_warning(caplog):
-    """Work is off by more than 5 % in 8 steps, and by 1.5 % in 64."""
-    run = problem(feng_han_huang, 6)
-    with caplog.at_level(logging.WARNING, logger="vemcvx"):
-        run(64)
-        assert not caplog.records
-        run(8)
-    assert len(caplog.records) == 1
-    message = caplog.records[0].getMessage()
-    assert message.startswith("time steps: history.work, ")
-    assert "history.work_second_order, " in message

@@ -104,7 +104,7 @@ def test_the_summary_has_the_public_keys(history, tmp_path):
         "dissipated_second_order work_second_order",
         list: "effects left_out",
         dict: "mesh extremes forces peak contact seconds",
-        type(None): "estimated_energy_errors quantities bound_upper bound_lower bound_kind bound_force units",
+        type(None): "estimated_energy_errors bound_upper bound_lower bound_kind bound_force units",
     }
     assert {name: type(value) for name, value in told.items()} == {
         name: kind for kind, names in kinds.items() for name in names.split()

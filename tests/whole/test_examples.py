@@ -18,7 +18,11 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_docstrings_run(name, tmp_path, monkeypatch):
-    """An example may use `np` and `vx`; its files are written to a temporary folder."""
+    """An example may use `np`, `vx` and, of a picture, a `history`; its files are written to a temporary folder."""
     monkeypatch.chdir(tmp_path)
     names = {"np": np, "vx": vx}
+    if ".plots." in name:
+        steel, press = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
+        scene = vx.Scene(steel, press, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+        names["history"] = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     assert doctest.testmod(importlib.import_module(name), extraglobs=names, optionflags=FLAGS).failed == 0

@@ -60,7 +60,6 @@ class Run:
     resume: Annotated[Path | None, typer.Option(metavar="DIR", help="Continue the run whose --out was DIR.")] = None
     linear: Linear = None
     target: Annotated[float | None, typer.Option(metavar="X", help="Choose mesh and steps for this error.")] = None
-    of: Annotated[str, typer.Option(help="Quantity of --target: energy (its norm), dissipated, work, wear.")] = "energy"
     bound: Annotated[bool, typer.Option("--bound", help="Guarantee bounds on the mesh error of every step.")] = False
     settings: Annotated[
         list[str], typer.Option("--set", metavar="NAME=VALUE,...", help="A parameter; several values make a study.")
@@ -190,7 +189,7 @@ class Run:
         def show_estimate(now: Any) -> None:
             show(f"adapting, {now.unknowns} unknowns and {count_steps(now.steps)}, error {now.total:.1%}", 0, None)
 
-        found = posed.adapt(posed.times[1:], target, progress=show_estimate, of=self.of)
+        found = posed.adapt(posed.times[1:], target, progress=show_estimate)
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
@@ -199,8 +198,6 @@ class Run:
         drawings = folder or Path("results") / problem.name
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run continues in the folder that holds it; omit --out.")
-        if self.of != "energy" and self.target is None:
-            raise ProblemError(f"--of: {self.of} needs --target X, the relative error of this quantity.")
         given = {"--steps": self.steps, "--target": self.target, "--resume": self.resume, "--bound": self.bound or None}
         given["--store last"] = True if self.store == "last" else None
         if problem.has_stages and (found := [option for option, value in given.items() if value is not None]):
@@ -277,11 +274,8 @@ def _execute(run: Run) -> tuple[Row, dict[str, str]]:
     with quietly() as caught:
         history, _ = run.execute(problem := read_problem(run.file))
     warned = [*(str(warning.message) for warning in caught), *(record.getMessage() for record in logged.buffer)]
-    met, aim = None, (history.quantities or {}).get(run.of)
-    if run.target is not None and history.errors is not None:
-        met = (history.errors["total"] if aim is None else history.errors["algebra"] + aim.relative) <= run.target
     remarks = {
-        "met": met,
+        "met": None if history.errors is None else history.errors["total"] <= history.errors["target"],
         "unbounded": " ".join(one.key for one in history.extremes if one.unbounded),
         "warnings": list(dict.fromkeys(warned)),
     }

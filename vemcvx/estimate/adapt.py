@@ -22,15 +22,13 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Bools, Floats, Ints, brief, check_takes, is_real, largest, part
 from vemcvx.base.errors import SceneError, SceneWarning
-from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.skeleton import check_estimable
 from vemcvx.estimate.budget import ErrorBudget, budget_of, estimate_time_error
 from vemcvx.estimate.finer_steps import Finer, compare_finer_steps
-from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import Mesh, PolyhedralMesh
 from vemcvx.meshes.bisection import check_tetrahedra
-from vemcvx.results import SINGULAR, growth, largest_values, record, warn_of_large_strains, warn_of_lost_work
+from vemcvx.results import SINGULAR, growth, largest_values, record, warn_of_large_strains
 from vemcvx.scene import PosedScene, Scene, pose_scene
 from vemcvx.simulation import Projected, begins, check_kinds, free_unknowns
 from vemcvx.solvers import Solver, Solves, as_solver
@@ -49,15 +47,6 @@ THETA = 0.6
 """Fraction of the squared error that is in the refined cells of a pass."""
 MOST_STEPS = 4000
 """Largest number of steps before the first pass."""
-STALL = 4
-"""Number of passes in which the mesh error must fall by a tenth."""
-QUANTITIES = {
-    "energy": "the energy norm",
-    "dissipated": "the energy that friction dissipates",
-    "work": "the work",
-    "wear": "the largest wear",
-}
-"""Descriptions of the quantities whose relative error may be the target."""
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
@@ -70,38 +59,19 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
     return chosen
 
 
-@dataclass(frozen=True)
-class StepLoss:
-    """The relative time error, and the contribution of each step."""
-
-    error: float
-    squares: Floats
-    """(N,) contributions of the steps: squared errors for the energy norm, otherwise errors"""
-    bends: Floats
-
-    @classmethod
-    def from_energy(cls, finer: Finer, unit: float) -> StepLoss:
-        """Return the time error in the energy norm, relative to `unit`."""
-        return cls(float(finer.errors.max()) / (unit or 1.0), finer.added**2, finer.bends)
-
-    @classmethod
-    def from_quantity(cls, found: StepErrors, of: str, value: float) -> StepLoss:
-        """Return the time error of a quantity, relative to its value."""
-        return cls(float(found.errors[of][-1]) / (abs(value) or 1.0), found.added[of], found.bends)
-
-
-def split_steps(times: Floats, lost: StepLoss, allowed: float) -> Floats:
-    """Split the steps that contribute most to the error if it exceeds `allowed`; return the new instants of the run."""
-    squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), lost.squares, 0.0)
-    if lost.error <= allowed or not squares.any():
+def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Floats:
+    """Split the steps that contribute most to the time error relative to `unit`, if this error exceeds `allowed`."""
+    error = float(finer.errors.max()) / (unit or 1.0)
+    squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), finer.added**2, 0.0)
+    if error <= allowed or not squares.any():
         return times
     # For smooth loads, the error is O(k^2) in the step k.
-    parts = 2 if lost.error <= 4.0 * allowed else 3
+    parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
     # Split the fewest steps that contribute .8 of the sum of `squares`.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
-        inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
+        inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
         new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])
     return np.unique(np.concatenate(new))
 
@@ -126,13 +96,8 @@ class Pass:
         return self.algebra + self.space + self.time
 
 
-def has_stalled(passes: Sequence[Pass]) -> bool:
-    """Return True if the mesh error no longer falls."""
-    return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Adapted(Outlined):
+class Adapted:
     """The result of :func:`adapt`.
 
     Attributes
@@ -145,8 +110,6 @@ class Adapted(Outlined):
         All passes from the coarse mesh to the last mesh.
     target : float
         The requested relative error.
-    of : {"energy", "dissipated", "work", "wear"}
-        The target quantity. For the last three, `history.quantities` has values and errors.
 
     Examples
     --------
@@ -160,23 +123,11 @@ class Adapted(Outlined):
     budget: ErrorBudget
     passes: tuple[Pass, ...]
     target: float
-    of: str = "energy"
 
     @property
     def met(self) -> bool:
         """True if the estimated error is within the target."""
         return self.passes[-1].total <= self.target
-
-    def outline(self) -> Outline:
-        """Return the outline for prompts and notebooks: the target, and the last pass."""
-        last, met = self.passes[-1], "met" if self.met else "not met"
-        parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
-        lines = [
-            ("estimated", f"{last.total:.2%} of {QUANTITIES[self.of]} ({parts})"),
-            ("passes", f"{len(self.passes)}; last: cells {last.cells}, unknowns {last.unknowns}, steps {last.steps}"),
-            *(("jump", words) for words in self.budget.jumps),
-        ]
-        return Outline(f"Adapted: target {self.target:.2%}, {met}", lines)
 
     def summary(self) -> str:
         """Return the passes as a table."""
@@ -187,12 +138,10 @@ class Adapted(Outlined):
             for p in self.passes
         ]
         met = "met" if self.met else "not met"
-        if self.of != "energy" and not self.met and has_stalled(self.passes):
-            met += "; the error does not fall under refinement: the quantity may have no limit, as at a singularity, "
-            met += "or the first mesh may be too coarse"
-        aim = (self.history.quantities or {}).get(self.of)
-        met += f"; the largest value is {aim.unbounded}" if aim is not None and aim.unbounded else ""
-        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {QUANTITIES[self.of]}: {met}"])
+        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of the energy norm: {met}"])
+
+    def __repr__(self) -> str:
+        return self.summary()
 
 
 def adapt(
@@ -201,7 +150,6 @@ def adapt(
     times: ArrayLike,
     target: float = 0.02,
     *,
-    of: str = "energy",
     solver: Solver | Solves | None = None,
     initial: ArrayLike | str | Projected | None = None,
     most_unknowns: int = 400_000,
@@ -218,12 +166,8 @@ def adapt(
         The first and the last instant, and instants to store. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Allowed relative error. With ``of="energy"``, the error is estimated at up to eight given instants, and at up to
-        eight instants at which data bend, turn or jump (:func:`vemcvx.error_budget`); otherwise at the last instant.
-    of : {"energy", "dissipated", "work", "wear"}
-        The target quantity: the displacement in the energy norm; the energy dissipated by friction; the work; or the
-        largest wear (:func:`vemcvx.quantities`), which has no limit if the pressure is singular. The last three need
-        two more runs per pass; the run ends if four passes hardly lower the error.
+        Allowed relative error in the energy norm. It is estimated at up to eight given instants, and at up to eight
+        instants at which data bend, turn or jump (:func:`vemcvx.error_budget`).
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
@@ -262,7 +206,7 @@ def adapt(
     check_kinds(scene, mesh)
     if isinstance(mesh, PolyhedralMesh):
         check_tetrahedra(mesh, "adapt")
-    _check(target, of, most_unknowns, progress)
+    _check(target, most_unknowns, progress)
     if not (initial is None or isinstance(initial, (str, Projected))):
         raise SceneError(
             "adapt: found an array of initial displacements, which fits one mesh only; give None, 'equilibrium', "
@@ -271,27 +215,25 @@ def adapt(
     wanted = check_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
-    aim = _Aim(target, of, initial, wanted, solver=_relax(solver, target))
+    aim = _Aim(target, initial, wanted, solver=_relax(solver, target))
     passes, start = list[Pass](), time.perf_counter()
     aim, instants = _begin(scene, mesh, aim)
     while True:
         posed, history = _simulate_pass(scene, mesh, instants, aim, start)
         finer = estimate_time_error(posed, history.trajectory)
         budget = budget_of(posed, history, [history.row(n) for n in aim.steps(instants).tolist()], finer)
-        history, lost, parts, indicators = _measure_pass(history, budget, finer, of)
         now = Pass(
             cells=mesh.n_cells,
             unknowns=posed.system.n,
             steps=len(instants) - 1,
             seconds=time.perf_counter() - start,
             extremes=_extremes(history),
-            **parts,
+            **{name: budget.largest[name] for name in ("algebra", "space", "time")},
         )
         passes.append(now)
         _tell(passes, budget, progress)
-        marked, split = _next(now, indicators, (instants, lost), target)
+        marked, split = _next(now, budget, (instants, finer), target)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
-        done = done or (of != "energy" and has_stalled(passes))
         # A refined cell becomes four cells; in space it is bisected together with about three neighbours.
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             return _make_result(posed, history, budget, aim, passes)
@@ -304,7 +246,6 @@ class _Aim:
     """The target of an adaptive run, and the settings of its passes."""
 
     target: float
-    of: str
     initial: str | Projected | None
     wanted: Floats
     """given instants"""
@@ -340,21 +281,6 @@ def _simulate_pass(scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start:
     return posed, History.from_results(record(posed, trajectory, assembled, Memory()), begins(aim.initial))
 
 
-def _measure_pass(
-    history: History, budget: ErrorBudget, finer: Finer, of: str
-) -> tuple[History, StepLoss, dict[str, float], Floats]:
-    """Return the history (with its target quantity), the time error, errors by source, and squared indicators."""
-    parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
-    indicators = budget.cells**2
-    if of == "energy":
-        return history, StepLoss.from_energy(finer, budget.scale or finer.norm), parts, indicators
-    history, found = with_quantities(history)
-    aim = (history.quantities or {})[of]
-    lost = StepLoss.from_quantity(found, of, aim.value)
-    parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
-    return history, lost, parts, indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
-
-
 def _make_result(
     posed: PosedScene,
     history: History,
@@ -362,12 +288,11 @@ def _make_result(
     aim: _Aim,
     passes: Sequence[Pass],
 ) -> Adapted:
-    """Return the result of the last pass; its budget is in the energy norm for any target quantity."""
-    target = {"target": aim.target} if aim.of == "energy" else {}
-    history = replace(history, errors={**budget.largest, **target}, growth=_growth(passes))
-    warn_of_lost_work(history.trajectory)
+    """Return the result of the last pass."""
+    errors = {**budget.largest, "target": aim.target}
+    history = replace(history, errors=errors, growth=_growth(passes))
     warn_of_large_strains(posed, history)
-    return Adapted(history=history, budget=budget, passes=tuple(passes), target=aim.target, of=aim.of)
+    return Adapted(history=history, budget=budget, passes=tuple(passes), target=aim.target)
 
 
 def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass], None] | None) -> None:
@@ -397,21 +322,20 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
     return {key: words for key, words in found.items() if words}
 
 
-def _next(now: Pass, squares: Floats, steps: tuple[Floats, StepLoss], target: float) -> tuple[Bools, Floats]:
+def _next(now: Pass, budget: ErrorBudget, steps: tuple[Floats, Finer], target: float) -> tuple[Bools, Floats]:
     """Return cells to refine and the instants of the next pass; steps are split when the mesh is nearly good enough."""
     # The allowed mesh error is the target minus the errors of algebra and steps, but at least half the target.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
-    marked = cells_to_refine(squares, for_space**2, THETA)
+    marked = cells_to_refine(budget.cells**2, for_space**2, THETA)
     # Split steps only if the mesh error is at most 1.5 times its allowed value.
     if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
         return marked, steps[0]
-    return marked, split_steps(*steps, TIME_FRACTION * target)
+    (instants, finer), unit = steps, budget.scale
+    return marked, split_steps(instants, finer, unit or finer.norm, TIME_FRACTION * target)
 
 
-def _check(target: object, of: object, most: object, progress: object) -> None:
+def _check(target: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
-    if not (isinstance(of, str) and of in QUANTITIES):
-        raise SceneError(f"adapt: found of = {brief(of)}; choose one of {', '.join(map(repr, QUANTITIES))}.")
     if not (is_real(most) and 1 <= most <= float(np.finfo(float).max)):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
@@ -441,14 +365,8 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     aim = replace(aim, turns=inside_steps(aim.wanted, known.bends))
     times = aim.stored
     while True:
-        if aim.of == "energy":
-            finer = compare_finer_steps(run, times, state.unknowns, known)
-            lost = StepLoss.from_energy(finer, finer.norm)
-        else:
-            last = march(posed.system, times, initial=begun, store="last", check=False)
-            history = History.from_results(record(posed, last, 0.0, Memory()))
-            lost = StepLoss.from_quantity(errors_of_steps(history), aim.of, value_of(history, aim.of))
-        split = split_steps(times, lost, TIME_FRACTION * aim.target)
+        finer = compare_finer_steps(run, times, state.unknowns, known)
+        split = split_steps(times, finer, finer.norm, TIME_FRACTION * aim.target)
         if len(split) == len(times) or len(split) > MOST_STEPS:
             return aim, times
         times = split

@@ -10,12 +10,12 @@ norm is zero, they are relative to the largest estimate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, Floats, Ints, brief, plain
+from vemcvx.base.arrays import SAME, Floats, Ints
 from vemcvx.base.errors import HistoryError, SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.bound.skeleton import check_estimable, instant
@@ -143,16 +143,11 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     scene = scene_of(history, "error_budget")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    rows = [history.row(n) for n in (wanted.tolist() if steps is None else _whole_numbers(steps))]
+    chosen = wanted.tolist() if steps is None else list(steps) if isinstance(steps, Iterable) else [steps]
+    if not chosen:
+        raise HistoryError("error_budget: found no steps; give numbers of stored steps, such as [-1].")
+    rows = [history.row(n) for n in chosen]
     return budget_of(posed, history, rows)
-
-
-def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
-    given = plain(steps)
-    wanted = np.zeros(0) if given is None or given.dtype.kind not in "iuf" else np.atleast_1d(given)
-    if wanted.ndim != 1 or len(wanted) == 0 or not np.all(np.abs(wanted) < 2**53) or np.any(wanted % 1):
-        raise HistoryError(f"error_budget: found steps = {brief(steps)}; wanted numbers of stored steps, such as [-1].")
-    return [int(n) for n in wanted]
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:

@@ -14,7 +14,6 @@ pressure is singular, the largest wear has no limit, which is reported (:mod:`ve
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,8 +33,7 @@ from vemcvx.stepping.course import sample_course
 def quantities(history: History) -> dict[str, Quantity]:
     """Estimate the errors of the friction work, the work and the largest wear of a run.
 
-    The scene is simulated twice more: in half steps, and on a mesh with all cells refined. A history from an adaptive
-    run with one of these targets already has the estimates, and is not simulated again.
+    The scene is simulated twice more: in half steps, and on a mesh with all cells refined.
 
     Parameters
     ----------
@@ -61,83 +59,55 @@ def quantities(history: History) -> dict[str, Quantity]:
     >>> sorted(vx.quantities(history))
     ['dissipated', 'wear', 'work']
     """
-    if isinstance(history, History) and history.quantities:
-        return history.quantities
     scene_of(history, "quantities")
-    return with_quantities(history)[0].quantities or {}
-
-
-def value_of(history: History, of: str) -> float:
-    """Return a quantity at the last instant."""
-    return float(_courses(history)[of][-1])
-
-
-@dataclass(frozen=True)
-class StepErrors:
-    """Errors due to steps: for "work" and "dissipated" at all instants (N + 1,), for "wear" at the last one (1,)."""
-
-    errors: dict[str, Floats]
-    added: dict[str, Floats]
-    """(N,) error added by each step; for "wear" the error of the friction work"""
-    bends: Floats
-    """instants at which data bend or jump"""
-
-
-def errors_of_steps(history: History) -> StepErrors:
-    """Compare a run with a run in half steps."""
-    times = history.trajectory.times
-    with suppress_scene_warnings():
-        posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
-        known = sample_course(posed.system, times)
-    finer = _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
-    apart = {name: 1.5 * difference for name, difference in _extrapolate_errors(history, finer).items()}
-    added = {name: np.abs(np.diff(apart[name])) for name in ("dissipated", "work")}
-    errors = {name: np.abs(difference) for name, difference in apart.items()}
-    return StepErrors(errors=errors, added=added | {"wear": added["dissipated"]}, bends=known.bends)
-
-
-def with_quantities(history: History) -> tuple[History, StepErrors]:
-    """Return a history with its quantities and errors of energies at all instants, and return the errors of steps."""
-    own, steps = _courses(history), errors_of_steps(history)
-    mesh = dict.fromkeys(own, np.array([np.nan]))
+    own, steps = _final_values(history), _errors_of_steps(history)
+    mesh = dict.fromkeys(own, np.nan)
     # In space, cells that are not star-shaped about their centroids cannot be refined.
     with contextlib.suppress(MeshError):
         begin = "settled" if _start(history).any() else None
         finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
-        mesh = {name: np.abs(difference) for name, difference in _extrapolate_errors(history, finer).items()}
-    over = history.spread[0]
-    units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
-    estimated = {
+        mesh = _extrapolate_errors(history, finer)
+    units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{history.spread[0]}"}
+    return {
         name: Quantity(
-            value=float(own[name][-1]),
-            steps=float(steps.errors[name][-1]),
-            mesh=float(mesh[name][-1]),
+            value=own[name],
+            steps=1.5 * steps[name],
+            mesh=mesh[name],
             unit=unit,
             unbounded=_wear_without_limit(history) if name == "wear" else "",
         )
         for name, unit in units.items()
     }
-    energies = {f"{name}_error": steps.errors[name] + np.nan_to_num(mesh[name]) for name in ("dissipated", "work")}
-    return replace(history, quantities=estimated, **energies), steps
 
 
-def _courses(history: History) -> dict[str, Floats]:
-    """Return friction work and work at all instants, and the largest wear at the last one."""
-    run, contact = history.trajectory, history.contact
-    wear = contact.wear_second_order[-1:].max(axis=1, initial=0.0)
-    return {"dissipated": run.dissipated_second_order, "work": run.work_second_order, "wear": wear}
+def _errors_of_steps(history: History) -> dict[str, float]:
+    """Compare a run with a run in half steps."""
+    times = history.trajectory.times
+    with suppress_scene_warnings():
+        posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
+        known = sample_course(posed.system, times)
+    return _extrapolate_errors(
+        history, _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
+    )
 
 
-def _extrapolate_errors(history: History, finer: History) -> dict[str, Floats]:
+def _final_values(history: History) -> dict[str, float]:
+    """Return friction work, work and the largest wear at the last instant."""
+    run, wear = history.trajectory, history.contact.wear_second_order[-1]
+    work, dissipated = float(run.work_second_order[-1]), float(run.dissipated_second_order[-1])
+    return {"dissipated": dissipated, "work": work, "wear": float(wear.max(initial=0.0))}
+
+
+def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
     """Return twice the differences of a run and a finer run; for wear, the largest over their common nodes."""
-    at, other = np.searchsorted(finer.trajectory.times, history.trajectory.times), _courses(finer)
-    apart = {name: 2.0 * (own - other[name][at]) for name, own in _courses(history).items() if name != "wear"}
+    own, other = _final_values(history), _final_values(finer)
+    apart = {name: 2.0 * abs(own[name] - other[name]) for name in ("dissipated", "work")} | {"wear": 0.0}
     coarse, fine = history.contact, finer.contact
-    if not (len(coarse.nodes) and len(fine.nodes)):
-        return apart | {"wear": np.zeros(1)}
-    away, node = nearest(fine.points, coarse.points)
-    worn = (coarse.wear_second_order[-1] - fine.wear_second_order[-1][node])[away <= SAME * history.mesh.h]
-    return apart | {"wear": 2.0 * np.abs(worn).max(initial=0.0, keepdims=True)}
+    if len(coarse.nodes) and len(fine.nodes):
+        away, node = nearest(fine.points, coarse.points)
+        worn = (coarse.wear_second_order[-1] - fine.wear_second_order[-1][node])[away <= SAME * history.mesh.h]
+        apart["wear"] = 2.0 * float(np.abs(worn).max(initial=0.0))
+    return apart
 
 
 def _wear_without_limit(history: History) -> str:

@@ -73,8 +73,6 @@ def deformed_mesh(
 
     Examples
     --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.deformed_mesh(history, units={"length": "mm"})
     """
     units = units_of(history, units)
@@ -148,9 +146,6 @@ def stressed_body(
 
     Examples
     --------
-    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
-    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.stressed_body(history, stress="von_mises", forces="friction")
     """
     units = units_of(history, units)

@@ -196,9 +196,6 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
 
     Examples
     --------
-    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
-    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.stick_slip_map(history)
     """
     units = units_of(history, units)
@@ -291,9 +288,6 @@ def along_contact(
 
     Examples
     --------
-    >>> base = vx.Elasticity(200.0, 0.3), vx.PrescribedDisplacement((0.01, -0.01), on="top")
-    >>> scene = vx.Scene(*base, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.along_contact(history, show="slip")
     """
     units = units_of(history, units)

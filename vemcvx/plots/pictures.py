@@ -46,8 +46,6 @@ def energy_ledger(history: Results, *, ax: Axes | None = None, units: Units | No
 
     Examples
     --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.energy_ledger(history)
     """
     units = units_of(history, units)
@@ -122,9 +120,6 @@ def hysteresis_loop(
 
     Examples
     --------
-    >>> move = vx.PrescribedDisplacement(lambda x, t: (0.01 * np.sin(t), 0.0) + 0 * x, on="top")
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), move, vx.Clamp(on="bottom"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0, 2.0, 3.0])
     >>> figure = vx.plots.hysteresis_loop(history, on="top")
     """
     units = units_of(history, units)
@@ -166,8 +161,6 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
 
     Examples
     --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> figure = vx.plots.forces_over_time(history)
     """
     units = units_of(history, units)
@@ -264,10 +257,7 @@ def write_plots(
 
     Examples
     --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
-    >>> [path.stem for path in vx.plots.write_plots(history, "pictures")]
-    ['deformed_mesh', 'stressed_body', 'forces_over_time', 'energy_ledger']
+    >>> paths = vx.plots.write_plots(history, "pictures")
     """
     folder = path_of(folder, "write_plots")
     suffix = choice(suffix, "write_plots", "suffix", list(SUFFIXES), HistoryError)
@@ -321,8 +311,6 @@ def animate(
 
     Examples
     --------
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
-    >>> history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
     >>> path = vx.plots.animate(history, "film.gif", seconds=1.0)
     """
     path = path_of(path, "animate")

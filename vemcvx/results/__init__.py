@@ -15,7 +15,6 @@ from vemcvx.results.results import (
     programs_of_steps,
     record,
     warn_of_large_strains,
-    warn_of_lost_work,
 )
 
 __all__ = [
@@ -36,5 +35,4 @@ __all__ = [
     "programs_of_steps",
     "record",
     "warn_of_large_strains",
-    "warn_of_lost_work",
 ]

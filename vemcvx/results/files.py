@@ -29,7 +29,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Set
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ from vemcvx.meshes.io.vtu import pack_cells, write_cells
 from vemcvx.meshes.polygons import rows_in_order
 from vemcvx.meshes.polyhedra import Faces, list_faces
 from vemcvx.results.forces import largest
-from vemcvx.results.quoted import Extreme, Quantity
+from vemcvx.results.quoted import Extreme
 from vemcvx.results.results import RECORDS, Results, list_arrays, size_of
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem.stabilisation import VertexWeights
@@ -65,11 +65,10 @@ STEP = re.compile(r"step_[0-9]+\.vtu")
 
 def write_archive(history: Results, path: Path) -> None:
     """Write a history to an archive, without its scene."""
-    mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
+    mesh, run = history.mesh, vars(history.trajectory)
     about = {
         "format": FORMAT,
         **{name: getattr(history, name) for name in PLAIN},
-        "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
@@ -109,8 +108,6 @@ def _history(arrays: Arrays) -> Results:
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     # Files do not keep a class defined by the user.
     known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
-    quoted = about["quantities"]
-    known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     return record_of(Results, arrays, known)
 
@@ -193,7 +190,6 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "bound_kind": bound.get("kind"),
         "bound_force": _force_bounds(history),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
-        "quantities": history.quantities and {name: _quantity(one) for name, one in history.quantities.items()},
         "peak": {"energy": finite_or_none(history.energy[row]), "t": float(history.times[row]), "step": history.peak},
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[row]) for name, count in counts.items()},
         "forces": {name: _largest(history, forces) for name, forces in history.resultants.items()},
@@ -208,11 +204,6 @@ def _force_bounds(history: Results) -> dict[str, Any] | None:
         return None
     ((on, axis),), (low, high) = history.bounded_force.items(), map(finite_or_none, history.force_bounds[-1])
     return {"on": on, "axis": axis, "low": low, "high": high, "value": float(history.reaction(on)[-1, axis])}
-
-
-def _quantity(one: Quantity) -> dict[str, Any]:
-    numbers = {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
-    return {**numbers, "unit": one.unit, "unbounded": one.unbounded or None}
 
 
 def _extreme(one: Extreme) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.base.arrays import SAME, ArrayField, Floats, Ints, array_fields, brief, is_whole
+from vemcvx.base.arrays import ArrayField, Floats, Ints, array_fields, brief, is_whole
 from vemcvx.base.errors import WARNING_FRACTION, HistoryError, SceneError, SceneWarning
 from vemcvx.base.outline import coordinates
 from vemcvx.meshes import Mesh, PolyhedralMesh
@@ -57,9 +57,6 @@ class Results(ActingForces):
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
     growth: dict[str, str] | None = None
-    quantities: dict[str, quoted.Quantity] | None = None
-    dissipated_error: Annotated[Floats | None, "N", "energy"] = None
-    work_error: Annotated[Floats | None, "N", "energy"] = None
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
@@ -415,21 +412,6 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
     """Return u (n_u,) for the free unknowns y (n,) at the instant `t`."""
     u: Floats = posed.supports.P @ y
     return u if posed.supports.still else u + posed.supports.motion(t)
-
-
-def warn_of_lost_work(run: Trajectory) -> None:
-    """Log a warning if, in a run with friction, the first-order work differs clearly from the second-order work."""
-    works = run.work_second_order
-    first, second = float(run.work[-1]), float(works[-1])
-    lost, better = float(run.dissipated[-1]), float(run.dissipated_second_order[-1])
-    size = max(float(np.abs(works).max()), float(run.energy.max()))
-    if lost <= SAME * size or abs(first - second) <= WARNING_FRACTION * size:
-        return
-    log.warning(
-        f"time steps: history.work, {first:.6g}, and dissipated, {lost:.6g}, are of first order in the step. Quote "
-        f"history.work_second_order, {second:.6g}, and dissipated_second_order, {better:.6g}, or take more steps. "
-        "This is an error of the sums over steps; for the errors of displacements see vemcvx.error_budget."
-    )
 
 
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:

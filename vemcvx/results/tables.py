@@ -24,7 +24,6 @@ TABLES = "steps", "contact"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
-ERRORS = "dissipated_error", "work_error"  # Further columns of every step, if a history has estimated errors.
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Size of an array -> name of the dimension in datasets. Other names are unchanged; the number 2 becomes "of_2"."""
 
@@ -39,7 +38,6 @@ def _steps(history: Results) -> Columns:
     run = history.trajectory
     names = [name for name, of in array_fields(type(run)).items() if of.sizes == ("N",) and name != "times"]
     found = {name: getattr(run, name) for name in (*names, *DERIVED)}
-    found |= {name: getattr(history, name) for name in ERRORS}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
     columns |= {name: values for name, values in found.items() if values is not None}
     for name, forces in history.resultants.items():

@@ -11,8 +11,7 @@ $$
 $$
 
 The compressive force on the sleeve is the tension of the bolt less F. When the pull has vanished, the tension of the
-bolt is F_V again. Stresses are uniaxial (nu = 0), so that the result is exact on every mesh. `vx.meshes.cut` cuts the
-bolt across its cells.
+bolt is F_V again. Stresses are uniaxial (nu = 0), so that the result is exact on every mesh.
 
     vemcvx run problems/joint_diagram.py --n 2 --steps 16 --plot
 """
@@ -61,8 +60,9 @@ def scene():
 def mesh(n, family="squares"):
     """Return bolt, sleeve and cap. The bolt and both halves of the sleeve are n cells wide; the cap is one cell."""
     make, edge = vx.meshes.FAMILIES[family], BOLT / 2 + GAP
-    bolt = make((n, 4 * n), box=((-BOLT / 2, BOLT / 2), (0.0, LENGTH)))
-    shank, head = vx.meshes.cut(bolt, point=(0.0, 0.45 * LENGTH), normal=(0.0, 1.0))
+    shank, head = (
+        make((n, 2 * n), box=((-BOLT / 2, BOLT / 2), ends)) for ends in ((0.0, LENGTH / 2), (LENGTH / 2, LENGTH))
+    )
     left, right = (
         make((n, 4 * n), box=(tuple(sorted((side * edge, side * (edge + SLEEVE)))), (0.0, LENGTH))) for side in (-1, 1)
     )

@@ -23,10 +23,8 @@ def make_star(tips, waist):
 
 SHAPES = {
     "L": (L, 6, 12.0),
-    "500-gon": (make_regular_polygon(500), 5, 5.0),
     "heptagon": (make_regular_polygon(7), 7, 5.0),
     "star": (make_star(5, 0.3), 10, 28.0),
-    "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }
 """Outline, number of children, and a bound on diameter^2 / area of all cells, 15 to 27 % above the measured value."""
@@ -36,7 +34,7 @@ def make_cell(outline):
     return PolygonMesh(outline, [np.arange(len(outline))])
 
 
-@mostly_long("name", SHAPES, "star", "L", "tiny edge", "trapezium", "heptagon")
+@mostly_long("name", SHAPES, "star", "L", "trapezium", "heptagon")
 def test_children_of_every_outline_are_valid_and_not_slender(name):
     outline, children, bound = SHAPES[name]
     mesh = make_cell(outline)

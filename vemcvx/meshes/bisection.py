@@ -1,27 +1,28 @@
-"""Refinement in space: local bisection of tetrahedra; global splitting of meshes with other cells.
+"""Refinement: local bisection of tetrahedra; global splitting of meshes with other polyhedra.
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected in the same way, until no edge has a node inside (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
-This ends, because a bisected edge is at least as long as the edge with the new node, and longer than all edges that the
-bisection adds. If several edges are longest, the numbers of their nodes determine the choice. Coinciding nodes at an
-interface have one number here, so neighbours choose the same edge. By default every cell is bisected at least three
-times. Then `tetrahedra(n).refine()` has the nodes and shapes of `tetrahedra(2 n)`.
+If several edges are longest, the numbers of their nodes determine the choice. Coinciding nodes at an interface have one
+number here, so neighbours choose the same edge.
 
 *Other cells* are split into one part per vertex. The parts have the vertices of the cell, the midpoints of its edges,
-the centroids of its faces, and its own centroid. A cube becomes eight cubes. The new faces must be plane.
+the centroids of its faces, and its own centroid. The new faces must be plane.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import Bools, Floats, Ints
 from vemcvx.base.errors import MeshError
-from vemcvx.meshes.carrying import check_lengths, inherit_parts, middle_places
+from vemcvx.meshes.carrying import check_lengths, check_marks, inherit_parts, middle_places
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import pairs_of, places_of
+from vemcvx.meshes.local_refinement import refine_polygons
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons import (
     cell_of_corner,
     edge_keys,
@@ -38,6 +39,19 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face of a tetrahedron, in the order of `FACES`
 ALL_DIRECTIONS = 3  # number of bisections that halve a tetrahedron in every direction
+
+
+def refine_mesh(mesh: Any, cells: ArrayLike | None) -> Any:
+    """Return the mesh with some cells split: see :meth:`vemcvx.PolygonMesh.refine`."""
+    marked = check_marks(cells, mesh.n_cells)
+    if not marked.any():
+        return mesh
+    if isinstance(mesh, PolygonMesh):
+        return refine_polygons(mesh, marked)
+    if marked.all() and len(other_cells(mesh)):
+        return split_about_vertices(mesh)
+    check_tetrahedra(mesh, "refine")
+    return bisect_cells(mesh, marked, ALL_DIRECTIONS if cells is None else 1)
 
 
 def other_cells(mesh: PolyhedralMesh) -> Ints:

@@ -4,16 +4,13 @@ The midpoints of the n sides of a cell are joined to its centre, which gives n q
 triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
 cut across. Further cells are split until unsplit cells get at most one hanging node per straight part of their outline.
 
-A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. (If
-an angle of 175 degrees counted as a corner, one part would have this angle in every refinement.) If a cell has fewer
-than three corners, like a regular polygon with many sides, all its bends are corners.
+A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. If a cell
+has fewer than three corners, all its bends are corners.
 
 A *side* of a cell is its outline from one corner to the next. It is *long* if the cell is a triangle, or if its length
 is at least `LONG_SIDE` times the diameter of the cell. A long side is split once: at a vertex near its midpoint if
-there is one, else at the midpoint of the edge that contains the midpoint of the side. So an edge is split at its
-midpoint or not at all. Short sides stay whole, because splitting them would make Voronoi cells thinner and thinner.
-Consecutive short sides count as one side, or as several sides if their total length is large. If this length is below
-`LONG_SIDE` diameters, and the turns of the outline along the short sides nearly cancel, these sides join a longer side.
+there is one, else at the midpoint of the edge that contains the midpoint of the side. Short sides stay whole, because
+splitting them would make Voronoi cells thinner and thinner.
 """
 
 from __future__ import annotations
@@ -52,16 +49,6 @@ All sides of squares, regular hexagons and decagons (0.31), and rectangles up to
 """
 
 
-class Sides(NamedTuple):
-    """The sides of all cells, cell by cell and counter-clockwise; if a cell has long sides, its first side is long."""
-
-    cell: Ints  # (n_sides,) cell of each side
-    first: Ints  # (n_sides,) start of each side in `order`
-    order: Ints  # (n_corners,) positions in the vertices of the mesh, side after side
-    lengths: Floats  # (n_sides,) divided by the diameter of the cell
-    long: Bools  # (n_sides,) sides to split: lengths of at least `LONG_SIDE`, and all sides of triangles
-
-
 class Splitting(NamedTuple):
     """The points at which cells would be split."""
 
@@ -78,15 +65,17 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
     """Find the sides of all cells, and the points at which sides would be split."""
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
-    fewer = _without_short_sides(_sides(mesh, length, corner), corner, turn)
-    sides = _sides(mesh, length, _choose_flags(fewer, corner, mesh.offsets))
+    order = rotation(corner, mesh.offsets)  # so that each outline begins with a side
+    first = np.flatnonzero(corner[order])
+    cell = cell_of_corner(mesh.offsets)[first]
+    counts = np.bincount(cell, minlength=mesh.n_cells)
+    long = (np.add.reduceat(length[order], first) / mesh.diameters[cell] >= LONG_SIDE) | (counts[cell] == 3)
     vertex, edge = np.zeros((2, len(length)), dtype=bool)
-    at, between = _middles(length[sides.order], sides)
-    vertex[sides.order[at]] = edge[sides.order[between]] = True
-    counts = np.bincount(sides.cell, minlength=mesh.n_cells)
+    at, between = _middles(length[order], first, long)
+    vertex[order[at]] = edge[order[between]] = True
     return Splitting(
         sides=counts,
-        all_long=np.logical_and.reduceat(sides.long, offsets_of(counts)[:-1]),
+        all_long=np.logical_and.reduceat(long, offsets_of(counts)[:-1]),
         convex=np.minimum.reduceat(turn, mesh.offsets[:-1]) >= 0.0,
         places=np.add.reduceat(vertex + edge.astype(np.int64), mesh.offsets[:-1]),
         bend=bend,
@@ -113,46 +102,11 @@ def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _sides(mesh: PolygonMesh, length: Floats, corner: Bools) -> Sides:
-    cell = cell_of_corner(mesh.offsets)
-    order = rotation(corner, mesh.offsets)
-    for _ in range(2):  # in the second pass, each cell begins with a long side
-        first = np.flatnonzero(corner[order])
-        lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
-        triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
-        long = (lengths >= LONG_SIDE) | triangle[cell[first]]
-        sides = Sides(cell[first], first, order, lengths, long)
-        starts_long = np.zeros(len(order), dtype=bool)
-        starts_long[first[long]] = True
-        order = order[rotation(starts_long, mesh.offsets)]
-    return sides
+def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
+    """Return the vertices and the edges at the midpoints of long sides, as positions in the lengths of edges.
 
-
-def _without_short_sides(sides: Sides, corner: Bools, turn: Floats) -> Bools:
-    """Return a mask of the corners that remain when short sides are joined (see the head of this module)."""
-    new = np.append(True, (np.diff(sides.cell) != 0) | sides.long[1:] | sides.long[:-1])
-    run, begin = np.cumsum(new) - 1, np.flatnonzero(new)
-    total = np.add.reduceat(sides.lengths, begin)[run]
-    parts = np.maximum(1.0, np.rint(total / (2.0 * LONG_SIDE)))
-    ahead = np.cumsum(sides.lengths) - sides.lengths
-    place = (ahead - ahead[begin][run]) * parts / total
-    nearest = np.clip(np.rint(place), 1.0, parts - 1.0)
-    several = np.flatnonzero(~new & (parts > 1.0))
-    keys = run[several] * len(corner) + nearest[several].astype(np.int64)
-    kept = several[least_of_each(keys, np.abs(place - nearest)[several])]
-    fewer = corner.copy()
-    fewer[sides.order[sides.first[~new]]] = False
-    fewer[sides.order[sides.first[kept]]] = True
-    start, after = sides.order[sides.first[begin]], next_corner(offsets_of(np.bincount(sides.cell[begin])))
-    turns = np.add.reduceat(turn[sides.order], sides.first[begin]) + turn[start[after]]
-    smooth = np.flatnonzero(~sides.long[begin] & (total[begin] < LONG_SIDE) & (np.abs(turns) < CORNER_ANGLE))
-    fewer[np.append(start[smooth], start[after[smooth]])] = False
-    return fewer
-
-
-def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
-    """Return the vertices and the edges at the midpoints of long sides, as positions in ``length``."""
-    first, long = sides.first, sides.long
+    `first` are the positions at which sides begin, and `long` marks long sides.
+    """
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
     end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits

@@ -296,10 +296,7 @@ class Mesh(ABC):
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with cell data `values` (n_cells, ...), which replace data of the same name.
 
-        Raises
-        ------
-        MeshError
-            The name is empty, or `values` are not numbers with one row per cell.
+        Raises MeshError if the name is empty, or `values` are not numbers with one row per cell.
         """
         added = check_cell_data({check_name(name, "cell datum"): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
@@ -313,17 +310,16 @@ class Mesh(ABC):
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
             Cells to split; each tetrahedron gets at least two parts. By default all cells are split, and each
-            tetrahedron gets at least eight parts. In the plane, further cells are split until no side gets a second
-            hanging node. In space, neighbours of split tetrahedra are split as well, and there are no hanging nodes.
+            tetrahedron gets at least eight parts. Further cells are split until no side has a second hanging node; in
+            space, until there are no hanging nodes.
 
         Raises
         ------
         MeshError
-            `cells` are neither numbers of cells nor one bool per cell; the midpoint of an edge is lost in rounding; a
-            polygon to split is not star-shaped or has no two long sides; only some cells of a mesh in space are to be
-            split, and not all cells are tetrahedra; or a part of a polyhedron would have a face that is not plane.
+            `cells` are no cells; an edge is too short; a polygon is not star-shaped or has no two long sides; only
+            some cells in space are to be split, and not all are tetrahedra; or parts would have faces that are bent.
         """
-        from vemcvx.meshes.refining import refine_mesh
+        from vemcvx.meshes.bisection import refine_mesh
 
         refined: Self = refine_mesh(self, cells)
         return refined
@@ -353,15 +349,7 @@ class Mesh(ABC):
     def write(self: Any, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data to a .vtu file, from which `read` restores them exactly.
 
-        Parameters
-        ----------
-        path : str or Path
-            The file; its suffix must be .vtu. ``to("meshio").write(path)`` writes other formats.
-
-        Raises
-        ------
-        MeshError
-            The suffix is not .vtu, or the file cannot be written.
+        ``to("meshio").write(path)`` writes other formats.
         """
         from vemcvx.meshes.io.files import write
 
@@ -370,13 +358,8 @@ class Mesh(ABC):
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
         """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the inverse.
 
-        Points keep their order. Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names
-        of boundaries, and cell data of zeros and ones as subdomains; they keep no other data and no interfaces.
-
-        Parameters
-        ----------
-        library : {"meshio", "skfem", "pyvista"}
-            Name of the library.
+        Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names of boundaries, and cell
+        data of zeros and ones as subdomains.
 
         Returns
         -------
@@ -386,8 +369,6 @@ class Mesh(ABC):
         ------
         MeshError
             The library is not supported, or cannot hold these cells (scikit-fem needs cells of a single kind).
-        VemcvxError
-            The library is not installed.
         """
         from vemcvx.meshes.io.objects import to_object
 

@@ -1,12 +1,8 @@
 """Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
 
-Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another are linked; linked
-faces form a *patch* in one plane. In each patch, Shapely unites the outlines of all faces to a net of lines, and finds
-the polygons of this net. The polygons inside a face replace the face, as coplanar faces of its cell. Finally every
-place within the tolerance of an edge becomes a vertex of all faces with this edge.
-
-Nodes of two bodies get one place if their distance is at most `CORNER_FACTOR` times the tolerance. So a node near two
-edges that meet at 30 degrees or more gets the place of their common vertex.
+Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another form a *patch* in one
+plane. In each patch, Shapely unites the outlines of all faces to a net of lines. The polygons of this net inside a face
+replace the face. Finally every place within the tolerance of an edge becomes a vertex of all faces with this edge.
 """
 
 from __future__ import annotations
@@ -39,7 +35,7 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # 1 / sin(15 degrees), rounded up
+CORNER_FACTOR = 4.0  # 1 / sin(15 degrees), rounded up: a node near two edges gets the place of their common vertex
 COVERAGE_TOLERANCE = 1e-3  # largest relative difference between the areas of a face and of its pieces
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 

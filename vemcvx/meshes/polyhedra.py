@@ -1,15 +1,14 @@
 """Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
-Two listed faces are the same if they have the same vertices. Faces are numbered in the order of first appearance. So
-the first cell of a face has the lower number; this cell also determines the order of the vertices of the face.
+Faces are numbered in the order of first appearance. The first cell of a face determines the order of its vertices.
 
 Integrals over a face are sums over the triangles (o, x_i, x_{i+1}) from its first vertex o. With d_i = x_i - o and the
 signed areas s_i of the triangles,
 
     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i.
 
-The sums are exact for plane faces, convex or not. Integrals over a cell are sums over pyramids. The base of a pyramid
-is a face f with outward area vector a_f and centroid c_f, the apex p is the mean of all c_f, and V_f is the volume:
+Integrals over a cell are sums over pyramids of volume V_f. The base of a pyramid is a face f with outward area vector
+a_f and centroid c_f, and the apex p is the mean of all c_f:
 
     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 """

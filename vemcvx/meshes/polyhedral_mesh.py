@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +17,6 @@ from vemcvx.meshes import polyhedra
 from vemcvx.meshes.checks.space import check_polyhedral_mesh
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.mesh import Mesh, Sides
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -23,14 +23,9 @@ from vemcvx.meshes.several_bodies import join
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    The mesh is in space if the file has tetrahedra, hexahedra, wedges, pyramids or polyhedra, with plane faces. Of
-    cells of higher order only the corners are read. Nodes and cells keep their order, and cell data are kept. The page
-    "Meshes" of the documentation says what is read from each format.
-
-    Physical groups of lines (in space: surfaces) of Gmsh, node sets and surfaces of Abaqus, and properties of Nastran
-    become named boundaries. A group or set of cells becomes a cell datum: 1 in the group, 0 outside. If the file names
-    no part of the boundary, the edges or faces where x, y or z is least or greatest get the names of the sides of a box
-    ("left", "right" ...), and a `MeshWarning` lists the names.
+    Groups and sets of lines (in space: surfaces) become named boundaries. A group or set of cells becomes a cell datum:
+    1 in the group, 0 outside. If the file names no part of the boundary, the sides of a box are named "left", "right"
+    and so on, and a `MeshWarning` lists the names. The page "Meshes" says what is read from each format.
 
     Parameters
     ----------
@@ -38,9 +33,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
         Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells
-        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set). An
-        interface takes the name that the file gives to it, if there is exactly one. A name of a part of an interface
-        becomes a named boundary.
+        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set).
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -102,8 +95,6 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
 
 def convert(other: Any) -> PolygonMesh | Any:
     """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
-
-    Order, names and data are kept; sides without names get names as in :func:`read`.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-The nodes and cells of all bodies go into one mesh. If nodes of different bodies are at most the tolerance apart, they
-move to the node of the first of these bodies. A node within the tolerance of an edge of another body becomes a vertex
-inside this edge (a hanging vertex). If the edge belongs to an earlier body, the node first moves onto the edge. So the
-earlier body keeps its outline, and the later body gets the same outline and nodes. In space, boundaries can coincide in
-planes, or where both bodies have the same nodes: see :mod:`.overlay`.
+If nodes of different bodies are at most the tolerance apart, they move to the node of the first of these bodies. A node
+within the tolerance of an edge of another body becomes a vertex inside this edge. If the edge belongs to an earlier
+body, the node first moves onto the edge. In space, boundaries can coincide in planes, or where both bodies have the
+same nodes: see :mod:`.overlay`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Checks of plane meshes: from user input to arrays of cells that tile a domain, or a MeshError.
 
-The checks are, in this order: numbers, coincident nodes, single cells, the tiling. Clockwise cells are reversed and
-unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon is simple, and whether polygons
-form a coverage: no two overlap, and where two meet they have the same vertices.
+Clockwise cells are reversed and unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon
+is simple, and whether polygons form a coverage: no two overlap, and where two meet they have the same vertices.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
 """Checks of meshes in space: from points and cells to polyhedra that fit together, or a MeshError.
 
-The checks are, in this order: numbers, coincident nodes, single faces, single cells, the tiling. Faces with inward
-normals are reversed and unused nodes dropped, each with a note for a warning.
-
 Each edge of a cell belongs to exactly two of its faces, which must traverse the edge in opposite directions. If a cell
-violates this condition, we reverse its faces with normals towards the middle of the cell, and check again.
-
-Neighbouring cells must share whole faces: no two boundary faces may lie on one another. Other intersections are found
-only if the volumes of all cells add up to more than the volume of the convex hull of the mesh.
+violates this condition, we reverse its faces with normals towards the middle of the cell, and check again. Neighbouring
+cells must share whole faces: no two boundary faces may lie on one another. Other intersections are found only if the
+volumes of all cells add up to more than the volume of the convex hull of the mesh.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """Centroidal Voronoi meshes of a box: in the plane, with short edges collapsed, and in space.
 
-Seeds near a side of the box are reflected in this side. So the side consists of sides of Voronoi cells, and no cell
-needs to be cut. Lloyd's iteration moves every seed to the centroid of its cell. Both ideas, and the collapse of short
-edges at the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip.
-Optim. 45, 2012, 309-328). In space, short edges remain, because moving a vertex would make faces nonplanar.
+Seeds near a side of the box are reflected in this side, so that no cell needs to be cut. Lloyd's iteration moves every
+seed to the centroid of its cell. Both ideas, and the collapse of short edges at the end, follow PolyMesher
+(C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012, 309-328).
 
-The unit of length is the square root of the mean area (in space: the cube root of the mean volume). If four seeds lie
-on a circle, as two seeds and their images in a side do, two vertices differ only by rounding errors, and we merge them.
+The unit of length is the square root of the mean area (in space: the cube root of the mean volume).
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
-A grid lists cells with their kinds and nodes, like VTK's unstructured grids. Lines (in space: polygons) on the boundary
-are cells of the grid, too. If a named set contains cells of the mesh, a cell datum is 1 in the set and 0 outside. If
-a named set contains lines or polygons on the boundary, these become a named part of the boundary. In files that keep
-data, the cell datum "boundary:<name>" is 1 on the lines or polygons of the boundary "<name>". On each line or polygon,
-all other cell data have the value of the neighbouring cell.
+Lines (in space: polygons) on the boundary are cells of the grid, too. If a named set contains cells of the mesh, a cell
+datum is 1 in the set and 0 outside. If it contains lines or polygons on the boundary, these become a named part of the
+boundary. In files that keep data, the cell datum "boundary:<name>" is 1 on the lines or polygons of this part.
 
 An interface of two bodies is stored as two boundaries: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".

@@ -106,8 +106,8 @@ def test_intervals_of_linear_scenes_intersect_and_shrink(name):
         assert max(bound.low for bound in bounds) <= min(bound.high for bound in bounds)
         widths = [bound.high - bound.low for bound in bounds]
         assert widths[2] < 0.6 * widths[1] < 0.5 * widths[0]
-        middle = 0.5 * (bounds[2].low + bounds[2].high)
-        assert abs(bounds[2].value - middle) < abs(bounds[0].value - middle)
+        centre = 0.5 * (bounds[2].low + bounds[2].high)
+        assert abs(bounds[2].value - centre) < abs(bounds[0].value - centre)
 
 
 @pytest.mark.long

@@ -2,25 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import test_conformance_effects as flat
 
 import vemcvx as vx
 from cohesive_interface import Glue
-from vemcvx.testing import EffectSample, Other, effect_suite
-
-
-def less(x, t):
-    return 0.5 * flat.uneven(x, t)
-
-
-def slight(x, t):
-    return 0.3 * flat.grip(x, t)
-
-
-def around(x):
-    return np.column_stack([1 + x[:, 0], 0.5 - x[:, 1], 1 + 0 * x[:, 2]])
+from vemcvx.testing import EffectSample, effect_suite
 
 
 def turning(x, t):
@@ -54,17 +41,14 @@ SAMPLES = {
         {"young": 150.0, "poisson": 0.2, "stabilisation": "unit", "on": flat.REST},
     ),
     "Orthotropic": EffectSample(
-        vx.Orthotropic(
-            (200.0, 60.0, 80.0), (0.3, 0.3, 0.2), (40.0, 30.0, 20.0), axes=((1.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        ),
+        vx.Orthotropic((200.0, 60.0, 80.0), (0.3, 0.3, 0.2), (40.0, 30.0, 20.0), angle=0.8),
         RUBBED[1:],
         (flat.STEEL,),
         others={
             "young": (200.0, 80.0, 80.0),
             "poisson": (0.2, 0.3, 0.2),
             "shear": (flat.stiff, 30.0, 20.0),
-            "angle": Other(0.3, {"axes": None}),
-            "axes": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+            "angle": 0.3,
             "stabilisation": "unit",
             "on": flat.REST,
         },
@@ -93,34 +77,23 @@ SAMPLES = {
         data={"force": 3},
         others={"force": flat.weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
     ),
-    "TrescaFriction by direction": EffectSample(
-        vx.TrescaFriction(flat.uneven, on="bottom", direction=around, across=less),
+    "TrescaFriction": EffectSample(
+        vx.TrescaFriction(flat.uneven, on="bottom"),
         (flat.STEEL, flat.HELD, flat.SHAKEN, flat.TOUCHING),
-        (vx.TrescaFriction(flat.uneven, on="bottom"),),
-        {"ground": 3},
-        {
-            "bound": Other(2.0, {"across": 1.0}),
+        data={"bound": 1, "ground": 3},
+        others={
+            "bound": 2.0,
             "on": "left",
             "quadrature": "integral",
             "while_closed": flat.UNPRESSED,
             "ground": flat.belt,
-            "direction": (0.2, 1.0, 0.3),
-            "across": 0.0,
         },
     ),
-    "CoulombFriction by direction, on a belt": EffectSample(
-        vx.CoulombFriction(flat.grip, on="bottom", ground=flat.belt, direction=around, across=slight),
+    "CoulombFriction on a belt": EffectSample(
+        vx.CoulombFriction(flat.grip, on="bottom", ground=flat.belt),
         (flat.STEEL, flat.HELD, flat.PRESSED, vx.UnilateralContact(on=["bottom", "left"])),
-        (vx.CoulombFriction(flat.grip, on="bottom", ground=flat.belt),),
-        {"cap": 1, "ground": 3},
-        {
-            "coefficient": Other(0.1, {"across": 0.2}),
-            "on": "left",
-            "cap": 0.1,
-            "ground": flat.slide,
-            "direction": (0.2, 1.0, 0.3),
-            "across": 0.0,
-        },
+        data={"coefficient": 1, "cap": 1, "ground": 3},
+        others={"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": flat.slide},
     ),
     "SlipWeakening": flat.OF_PROBLEMS["SlipWeakening"],
     "Glue": replace(

@@ -58,33 +58,6 @@ def test_friction_that_grows_with_slip_has_one_answer(seed, c):
     assert run.certified.max() <= 1e-8
 
 
-def make_block(angle, part):
-    """Return scene, mesh and shear of a pressed block; the shear is `part` of what friction can balance."""
-    along, across, e = 0.5, 0.2, np.array([np.cos(0.3), np.sin(0.3), 0.0])
-    shear = part * (along * np.cos(angle) * e + across * np.sin(angle) * np.array([-e[1], e[0], 0.0]))
-    scene = vx.Scene(
-        vx.Elasticity(200.0, 0.3),
-        vx.Pressure(1.0, on="top"),
-        vx.Traction(lambda x, t: np.tile(t * shear, (len(x), 1)), on="top"),
-        vx.UnilateralContact(on="bottom"),
-        vx.CoulombFriction(along, on="bottom", direction=e, across=across),
-    )
-    return scene, vx.meshes.cubes((2, 2, 1), box=((0, 1), (0, 1), (0, 0.2))), shear
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
-@pytest.mark.parametrize("angle", [1.2, 3.3])
-def test_anisotropic_friction_balances_a_shear_inside_its_ellipse(angle):
-    """A shear outside the ellipse is refused."""
-    scene, mesh, shear = make_block(angle, 0.9)
-    history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
-    assert history.force("bottom")[-1] == pytest.approx([0, 0, 1] - shear, abs=1e-12)
-    scene, mesh, _ = make_block(angle, 1.1)
-    with pytest.raises((vx.SceneError, vx.NotCertified), match="^step 2 at t = 1: "):
-        vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
-
-
 @pytest.mark.filterwarnings("ignore:.*weights may fall faster with slip")
 @pytest.mark.parametrize("springs", [0.005, 0.05])
 def test_friction_that_weakens_fast_is_answered_accurately(springs):

@@ -1,4 +1,4 @@
-"""Contact (bilateral, rigid, compliant, in velocities) and friction (Tresca's, Coulomb's, by direction, by speed)."""
+"""Contact (bilateral, rigid, compliant, in velocities) and friction (Tresca's, Coulomb's, by speed)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from vemcvx.effects.effect import (
     ContactSurface,
     Contribution,
     Effect,
-    Ellipse,
     Friction,
     Ground,
     Obstacle,
@@ -246,50 +245,33 @@ class VelocityContact(Effect):
         return f"VelocityContact: pressure = {amount(self.damping, 'x')} times {velocity}"
 
 
-SPACE_ONLY = {"in space": "friction in the plane has one direction"}
-DIRECTION_FIELD = data.holds("vector", "!= 0", "give a direction", **SPACE_ONLY)
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
 # For while_closed=True, a weight that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
 # steps without a solution. The ramp w = min(STEEPNESS p, b) is continuous, so every step has a solution (Brouwer).
 STEEPNESS = 1e6
-Reader = Callable[[str, float], Floats] | None  # maps the name of a field and a time to values (m,)
 
 
 class _Friction(Effect):
-    """An effect of friction. The ground may move; in space, friction may depend on the direction of slip."""
+    """An effect of friction; the ground may move."""
 
     on: str | Sequence[str]
     ground: data.Datum | None = None
-    direction: data.Constant | None = None
-    across: data.Datum | None = None
 
-    def _rub(self, space: Space, rows: BoundaryRows, name: str = "", read: Reader = None, **acts: Any) -> Contribution:
+    def _rub(self, space: Space, rows: BoundaryRows, **acts: Any) -> Contribution:
         """Return the contribution of friction on rows; `acts` are further fields of Friction, such as its weights."""
-        points, subject, ground, ellipse = space.mesh.points[rows.nodes], self._subject, None, None
+        subject, ground = self._subject, None
         if self.ground is not None:
             if (rows.partners >= 0).any():
                 raise SceneError(
                     f"{subject}: found ground= on an interface, where the body rubs on another body; prescribe the "
                     "motion of that body instead."
                 )
-            ground = Ground(f"{subject}: ground", points, self.ground)
-        if (self.direction is None) != (self.across is None):
-            raise SceneError(f"{subject}: friction by direction takes both direction= and across=; found one of them.")
-        if self.direction is not None and read is not None:
-            ellipse = Ellipse(
-                subject=subject,
-                points=points,
-                direction=self._read("direction", data.At(points)),
-                bounds=lambda t: (read(name, t), read("across", t)),
-                names=(name, "across"),
-            )
-        return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, ellipse=ellipse, **acts),))
+            ground = Ground(f"{subject}: ground", space.mesh.points[rows.nodes], self.ground)
+        return Contribution(frictions=(Friction.from_rows(rows, subject, ground=ground, **acts),))
 
     def _describe(self, bound: str, rest: str = "") -> str:
-        along, across = amount(self.direction, "x"), amount(self.across)
-        by_direction = "" if self.direction is None else f" along {along}, {across} across it,"
         moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
-        return f"{type(self).__name__}: |friction| <= {bound}{by_direction} on {where(self.on)}{rest}{moved}"
+        return f"{type(self).__name__}: |friction| <= {bound} on {where(self.on)}{rest}{moved}"
 
 
 @dataclass(frozen=True)
@@ -315,11 +297,6 @@ class TrescaFriction(_Friction):
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (such as a belt). Only its part along the
         boundary counts; for motions along the normal, use a `gap` that changes in time.
-    direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space: `bound` limits friction along the part of this vector in the surface, and
-        `across` limits friction perpendicular to it. Friction lies in the ellipse with these semi-axes.
-    across : number, or callable f(x, t) -> (m,), optional
-        The bound across `direction`, >= 0, force per area; its ratio to `bound` must not change in time.
 
     Examples
     --------
@@ -332,26 +309,23 @@ class TrescaFriction(_Friction):
     quadrature: str = "nodes"
     while_closed: bool | None = None
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata=DIRECTION_FIELD)
-    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", rule=BOUND_RULE, **SPACE_ONLY))
 
     def contribute(self, space: Space) -> Contribution:
         subject = self._subject
         choice(self.quadrature, subject, "quadrature", ("nodes", "integral"))
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
-        self._check_dimension(space)
         rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
 
-        def integrate(t: float, name: str = "bound") -> Floats:
+        def integrate(t: float) -> Floats:
             nodes = self.quadrature == "nodes"
-            found = self._read(name, data.At(points if nodes else rows.points, t))
+            found = self._read("bound", data.At(points if nodes else rows.points, t))
             return rows.lengths * found if nodes else rows.matrix @ found
 
         acts: dict[str, Any] = {"law": _limit_by_pressure(lambda t: STEEPNESS, integrate)}
         if not closed:
-            acts = {"weights": lambda t: integrate(t), "in_the_air": self.while_closed is None}
-        return self._rub(space, rows, "bound", lambda name, t: integrate(t, name) / rows.lengths, **acts)
+            acts = {"weights": integrate, "in_the_air": self.while_closed is None}
+        return self._rub(space, rows, **acts)
 
     def describe(self) -> str:
         return self._describe(amount(self.bound), " where it is closed" if self.while_closed else "")
@@ -393,11 +367,6 @@ class CoulombFriction(_Friction):
         Largest friction, force per length: |friction| <= min(coefficient * pressure, cap) (Orowan).
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of an obstacle that slides under the body, as for TrescaFriction.
-    direction : (3,), or callable f(x) -> (m, 3), optional
-        Friction by direction, in space, as for TrescaFriction; `coefficient` holds along this vector.
-    across : number, or callable f(x, t) -> (m,), optional
-        The coefficient across `direction`, >= 0; its ratio to `coefficient` must not change in time. `cap` limits
-        friction along the direction; across it, the limit is `cap` times this ratio.
 
     Examples
     --------
@@ -409,11 +378,8 @@ class CoulombFriction(_Friction):
     on: str | Sequence[str]
     cap: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0"))
     ground: data.Datum | None = None
-    direction: data.Constant | None = field(default=None, metadata=DIRECTION_FIELD)
-    across: data.Datum | None = field(default=None, metadata=data.holds(sign=">= 0", **SPACE_ONLY))
 
     def contribute(self, space: Space) -> Contribution:
-        self._check_dimension(space)
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
 
         @lru_cache(maxsize=3)  # A step calls `read` about ten times.
@@ -424,7 +390,7 @@ class CoulombFriction(_Friction):
             return np.full(len(rows.nodes), np.inf) if self.cap is None else rows.lengths * read("cap", t)
 
         law = _limit_by_pressure(partial(read, "coefficient"), cap)
-        return self._rub(space, rows, "coefficient", read, law=law)
+        return self._rub(space, rows, law=law)
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)}"

@@ -85,21 +85,16 @@ Constant = ArrayLike | Callable[[Floats], ArrayLike]
 """A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
 
 
-def holds(shape: str = "number", sign: str = "", rule: str = "it must be {sign}", **more: Any) -> dict[str, Any]:
-    """Return the metadata of a field that holds data of an effect: `field(metadata=data.holds(sign="> 0"))`.
-
-    `shape` is "number" or "vector". `sign` is "> 0" or ">= 0" for numbers, "!= 0" for vectors, "" for any value.
-    """
-    return {"shape": shape, "sign": sign, "rule": rule.format(sign=sign), **more}
+def holds(sign: str = "", rule: str = "it must be {sign}") -> dict[str, Any]:
+    """Return the metadata of a field that holds numbers of an effect; `sign` is "> 0", ">= 0", or "" for any value."""
+    return {"sign": sign, "rule": rule.format(sign=sign)}
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
-    """Raise SceneError if a value is not lawful; name the smallest such value, or the first such vector."""
+    """Raise SceneError if a value is not lawful; name the smallest such value."""
     if not lawful.all():
-        bad = np.flatnonzero(~lawful)
-        row = int(bad[0] if values.ndim > 1 else bad[np.argmin(values[bad])])
-        value = values[row] if values.ndim > 1 else f"{values[row]:.6g}"
-        raise SceneError(f"{found} = {value} {at.place(row)}; {rule}.")
+        row = int(np.argmin(np.where(lawful, np.inf, values)))
+        raise SceneError(f"{found} = {values[row]:.6g} {at.place(row)}; {rule}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +170,7 @@ class InCells:
     cells: Ints | None = None
     inside: Bools | None = None  # True in the material; elsewhere, constants become 1 if they have a sign rule, else 0
 
-    def read(self, value: Constant, subject: str, shape: str = "number") -> Floats:
+    def read(self, value: Constant, subject: str) -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""
         mesh, raw, count = self.mesh, value, self.mesh.n_cells
         if isinstance(value, str):

@@ -2,21 +2,13 @@
 
 Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. The kinds
 of contributions are fixed; users may define further effects, which return contributions of these kinds.
-
-Friction by direction, on a surface in space, is bounded by an ellipse. Let g be the bound along a unit vector e in the
-surface with normal n, and h the bound along c = n x e. Friction q obeys (q_e / g)^2 + (q_c / h)^2 <= 1. A slip s
-dissipates the largest work of such forces (Michalowski and Mroz, Arch. Mech. 30, 1978):
-
-    max -q . s = |(g s_e, h s_c)| = g |(s_e, r s_c)|,   r = h / g.
-
-So the weight is g, as for isotropic friction, with the norm of (s . e, s . r c) in place of the norm of s.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -165,44 +157,6 @@ class Ground:
         return data.vector(self.value, self.points, t, self.subject)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ellipse:
-    """The ellipses that bound friction in m contact rows (nodes with normals); this module's head has the notation."""
-
-    subject: str
-    points: Floats  # (m, 3)
-    direction: Floats  # (m, 3) vectors of any length; only their parts along the surface count
-    bounds: Callable[[float], tuple[Floats, Floats]]  # t -> bounds (m,) along the direction and across it, in any unit
-    names: tuple[str, str]  # names of the two bounds in messages
-
-    def vectors(self, normals: Floats, times: Sequence[float]) -> Floats:
-        """Return the vectors e and r c (m, 2, 3) of each row."""
-        first = self.direction - np.einsum("mi,mi->m", self.direction, normals)[:, None] * normals
-        length, found = np.linalg.norm(first, axis=1), f"{self.subject}: found direction"
-        lawful = length > 1e-6 * np.linalg.norm(self.direction, axis=1)
-        data.require(lawful, self.direction, data.At(self.points), found, "give a vector that is not along the normal")
-        first = first / length[:, None]
-        return np.stack([first, self._ratio(times)[:, None] * np.cross(normals, first)], axis=1) + 0.0
-
-    def _ratio(self, times: Sequence[float]) -> Floats:
-        """Return r (m,), evaluated at the first instant with friction; 1 in rows that never have friction."""
-        ratio = np.full(len(self.points), np.nan)
-        for t in times if len(times) else (0.0,):
-            along, across = self.bounds(float(t))
-            new = np.isnan(ratio) & (along > 0)
-            ratio[new] = across[new] / along[new]
-            wanted = np.where(np.isnan(ratio), 0.0, ratio) * along
-            apart = np.abs(across - wanted) > 1e-9 * np.maximum(across, wanted)
-            if apart.any():
-                row, (one, other) = int(np.argmax(apart)), self.names
-                raise SceneError(
-                    f"{self.subject}: found {one} = {along[row]:.6g} and {other} = {across[row]:.6g} at "
-                    f"{self.points[row]} and t = {t:.6g}; {one} must be > 0 where {other} is, and their ratio must not "
-                    "change in time."
-                )
-        return np.where(np.isnan(ratio), 1.0, ratio)
-
-
 @dataclass(frozen=True)
 class ContactSurface:
     """A surface of contact, one row per node and distinct normal."""
@@ -254,7 +208,6 @@ class Friction(ContactSurface):
     law: Law | None = None
     directions: Floats | None = None
     bond: bool = False  # True for a term that locks the amplitude of a support; it is not reported as contact
-    ellipse: Ellipse | None = None  # terms are w_i |((v - v_prev) . e, r (v - v_prev) . (n x e))|
 
     def __post_init__(self) -> None:
         """Raise SceneError unless `directions` has one unit vector per row."""
@@ -277,10 +230,9 @@ class Friction(ContactSurface):
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
-    def read(self, times: Sequence[float]) -> Floats:
-        """Return the vectors (m, dim - 1, dim) that multiply slip; in space, `directions` make the second vector 0."""
-        if self.ellipse is not None:
-            return self.ellipse.vectors(self.normals, times)
+    @property
+    def tangents(self) -> Floats:
+        """The vectors (m, dim - 1, dim) that multiply slip; in space, `directions` make the second vector 0."""
         if self.directions is None or self.in_plane:
             return tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
@@ -463,36 +415,20 @@ class Effect(ABC):
         """
 
     @property
-    def _fields(self) -> dict[str, Field[Any]]:
-        """The fields by name; every effect is a dataclass, but this base class is none."""
-        return {one.name: one for one in fields(self)}  # type: ignore[arg-type]
-
-    @property
     def _subject(self) -> str:
         """The name of the effect in messages, with the name of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: Any = None, label: str | None = None) -> Floats:
         """Return the values of a field at points or cells; raise SceneError if `data.holds` does not allow them."""
-        declared = self._fields[name].metadata
-        shape, sign = declared["shape"], declared["sign"]
-        found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}", shape)
+        declared = {one.name: one.metadata for one in fields(self)}[name]  # type: ignore[arg-type]
+        found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}")
+        sign = declared["sign"]
         if isinstance(at, data.InCells) and at.inside is not None:
             found = np.where(at.inside, found, 1.0 if sign else 0.0)
-        size = np.linalg.norm(found, axis=1) if shape == "vector" else found
-        lawful = {"> 0": size > 0, ">= 0": size >= 0, "!= 0": size != 0}.get(sign, np.full(len(size), True))
+        lawful = {"> 0": found > 0, ">= 0": found >= 0}.get(sign, np.full(len(found), True))
         data.require(lawful, found, at, f"{self._subject}: found {label or name}", declared["rule"])
         return found
-
-    def _check_dimension(self, space: Space) -> None:
-        """Raise SceneError if a field is given that is only for bodies of the other dimension."""
-        for one in self._fields.values():
-            value = getattr(self, one.name)
-            if value is not None and "in the plane" in one.metadata:
-                space.require_plane(f"{self._subject}: {one.name}=", one.metadata["in the plane"])
-            elif value is not None and "in space" in one.metadata and space.in_plane:
-                found = f"{self._subject}: found {one.name} = {brief(value)}"
-                raise SceneError(f"{found}, which belongs to bodies in space; {one.metadata['in space']}.")
 
     @abstractmethod
     def describe(self) -> str:

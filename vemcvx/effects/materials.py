@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import numpy as np
 
-from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, choice, directions
+from vemcvx.base.arrays import SAME, Bools, Floats, Ints, brief, choice
 from vemcvx.base.errors import SceneError, SceneWarning
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
@@ -26,7 +26,6 @@ REVOLVED = "axisymmetric"
 """The value of `plane` for bodies of revolution."""
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 """The positions of xx, yy and xy among the components in space."""
-NO_PLANE_IN_SPACE = "leave it out: plane strain and plane stress are for plane bodies"
 
 
 class MaterialLaw(Effect):
@@ -73,7 +72,9 @@ class _Elastic(MaterialLaw):
         if not isinstance(self.stabilisation, Stabilisation):
             choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
         choice(self._plane, name, "plane", self._planes)
-        self._check_dimension(space)
+        if self.plane is not None:
+            words = "leave it out: plane strain and plane stress are for plane bodies"
+            space.require_plane(f"{self._subject}: plane=", words)
         cells = cells_of(space, self.on, name)
         law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 * cells
 
@@ -173,7 +174,7 @@ class Elasticity(_Elastic):
 
     young: data.Constant = field(metadata=data.holds(sign="> 0", rule="Young's modulus must be > 0"))
     poisson: data.Constant = field(metadata=data.holds())
-    plane: str | None = field(default=None, metadata={"in the plane": NO_PLANE_IN_SPACE})
+    plane: str | None = None
     stabilisation: str | Stabilisation = "shear"
     on: str | Sequence[str] | None = None
     _planes: ClassVar[Sequence[str]] = (*PLANES, REVOLVED)
@@ -244,9 +245,6 @@ class Orthotropic(_Elastic):
         The angle from x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi. In space axis 3 is z.
     plane : {"stress", "strain"}, optional
         Plane stress (the default) or plane strain, for plane bodies. It must be left out for bodies in space.
-    axes : (axis 1, axis 2), optional
-        In space, instead of `angle`: vectors (3,), or callables f(x) -> (m, 3) at centroids, of any length. Only the
-        part of axis 2 perpendicular to axis 1 counts.
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
@@ -263,8 +261,7 @@ class Orthotropic(_Elastic):
     poisson: Constant | Sequence[Constant] = field(metadata=data.holds())
     shear: Constant | Sequence[Constant] = field(metadata=data.holds(sign="> 0"))
     angle: Constant = field(default=0.0, metadata=data.holds())
-    plane: str | None = field(default=None, metadata={"in the plane": NO_PLANE_IN_SPACE})
-    axes: Sequence[Any] | None = field(default=None, metadata={"in space": "give angle="})
+    plane: str | None = None
     on: str | Sequence[str] | None = None
     stabilisation: str | Stabilisation = "shear"
     _default_plane = "stress"
@@ -288,9 +285,9 @@ class Orthotropic(_Elastic):
 
     def describe(self) -> str:
         E, nu, G = (_words(values) for values in (self.young, self.poisson, self.shear))
-        turned = f"angle {amount(self.angle, 'x')}" if self.axes is None else f"axes {_words(tuple(self.axes))}"
         plane = "" if self.plane is None else f", plane {self.plane}"
-        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}{plane}, {self._describe_stabilisation()}"
+        turned = f"angle {amount(self.angle, 'x')}{plane}, {self._describe_stabilisation()}"
+        return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}"
 
     def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
         """Return S (k, 3, 3) for normal strains and stresses; in plane stress S has no coupling to axis 3."""
@@ -311,25 +308,11 @@ class Orthotropic(_Elastic):
 
     def _frame(self, at: data.InCells) -> Floats:
         """Return R (k, 3, 3), whose rows are the unit axes."""
-        if self.axes is None:
-            angle = self._read("angle", at)
-            rule = "it is in radians, from -2 pi to 2 pi"
-            data.require(np.abs(angle) <= 2 * np.pi, angle, at, f"{self._subject}: found angle", rule)
-            c, s, zero = np.cos(angle), np.sin(angle), np.zeros(len(angle))
-            return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
-        if not (isinstance(self.angle, (int, float)) and self.angle == 0.0):
-            found = f"Orthotropic: found axes = {brief(self.axes)}"
-            raise SceneError(f"{found} and angle = {brief(self.angle)}; give one of the two.")
-        if not _is_sequence(self.axes) or len(self.axes) != 2:
-            raise SceneError(f"Orthotropic: found axes = {brief(self.axes)}; give two vectors, for axis 1 and axis 2.")
-        x = at.mesh.centroids if at.x is None else at.x
-        first, second = (data.vector(axis, x, None, "Orthotropic: axes") for axis in self.axes)
-        third = np.cross(first, second)
-        sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-        apart = (np.linalg.norm(third, axis=1) > 1e-6 * sizes) | (False if at.inside is None else ~at.inside)
-        data.require(apart, first, at, "Orthotropic: axes: found axis 1", "axes must be neither zero nor parallel")
-        first, third = (directions(rows, np.linalg.norm(rows, axis=1)) for rows in (first, third))
-        return np.stack([first, np.cross(third, first), third], axis=1)
+        angle = self._read("angle", at)
+        rule = "it is in radians, from -2 pi to 2 pi"
+        data.require(np.abs(angle) <= 2 * np.pi, angle, at, f"{self._subject}: found angle", rule)
+        c, s, zero = np.cos(angle), np.sin(angle), np.zeros(len(angle))
+        return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
 
     def _read_constants(self, at: data.InCells, name: str, plane: str | None) -> Floats:
         """Return the constants (., k) of the field `name`. Their number depends on `plane`, which is None in space."""

@@ -162,7 +162,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         pressure=pressure,
         traction_recovered=smooth[0],
         pressure_recovered=smooth[1],
-        sticking=_sticking(trajectory, slip, terms, at),
+        sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
         wear_second_order=_per_length(trajectory.worn_second_order, at, length),
         accumulated_slip=slipped,
@@ -240,32 +240,23 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     # The bound contains friction with given `directions` only at nodes that have no other friction.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
-    if terms.elliptic.any():
-        # Convert weights to bounds in the direction of the friction force.
-        lam = trajectory.multipliers
-        force, size = (np.linalg.norm(x, axis=2) for x in (np.einsum("smb,mbd->smd", lam, terms.tangents), lam))
-        weights = weights * np.divide(force, size, out=np.ones_like(size), where=terms.elliptic & (size > 0))
     return _per_length(weights, at, length)
 
 
-def _sticking(trajectory: Trajectory, slip: Floats, terms: Terms, at: Ints) -> Bools:
+def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    1. A node with friction has the state of the certified answer. 2. A node without friction, or across the only line
-    of its friction, sticks if its slip stays constant; if the start is not stored, if the solver did not iterate.
+    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip stays
+    constant; if the start is not stored, if the solver did not iterate.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
-    along, rails = terms.tangents[:, 0], terms.elliptic & ~terms.tangents[:, -1].any(axis=1)
-    smooth = np.union1d(np.setdiff1d(np.arange(slip.shape[1]), at), at[rails])
-    free = np.zeros((slip.shape[1], slip.shape[2]))
-    free[at[rails]] = along[rails]
+    smooth = np.setdiff1d(np.arange(slip.shape[1]), at)
     for row, n in enumerate(trajectory.stored):
         np.logical_and.at(sticking[row], at, trajectory.sticking[row])
         if n == 0 or len(smooth) == 0:
             continue
         if row > 0 and trajectory.stored[row - 1] == n - 1:
-            step = slip[row] - slip[row - 1]
-            moved = np.abs(step - np.sum(step * free, axis=1)[:, None] * free).max(axis=1)
+            moved = np.abs(slip[row] - slip[row - 1]).max(axis=1)
             kept = moved <= 8 * EPS * np.abs(slip[row]).max()
         else:
             kept = np.full(slip.shape[1], trajectory.iterations[n] == 0)

@@ -138,9 +138,8 @@ class Terms(ContactRows):
     """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the components along `tangents`
-    tangents: Floats  # (m, dim - 1, dim) orthonormal, unless `Friction.read` scales them
+    tangents: Floats  # (m, dim - 1, dim) orthonormal; with given `directions` in space, the second one is 0
     directed: Bools  # (m,) True if the friction has given `directions`
-    elliptic: Bools  # (m,) True if the bound depends on the direction of slip
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) sums rows to terms; rows are listed friction by friction
     acting: int = 0  # number of terms that some free unknown moves; they come first
@@ -230,13 +229,12 @@ def _friction_terms(
     table: ContactRows,
     supports: Supports,
     times: Sequence[float],
-    known: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
     """Return the friction terms that can slip, are dragged or have a pressure; `table` has the friction rows."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
-    each = np.concatenate([tangents_of(points[:0]), *(f.read(known) for f in frictions)])
+    each = np.concatenate([tangents_of(points[:0]), *(f.tangents for f in frictions)])
     first, term = merge_terms((table.nodes, table.partners), normals, kinds=_kinds(frictions))
     every, tangents, under = replace(table, normals=normals).merge(first, term), each[first], None
     if any(f.ground is not None for f in frictions):
@@ -246,38 +244,26 @@ def _friction_terms(
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     rows, tangents = every[kept], tangents[kept]
-    directed, elliptic = (
-        repeat_by_row(frictions, flags).astype(bool)[first][kept]
-        for flags in ([f.directions is not None for f in frictions], [f.ellipse is not None for f in frictions])
-    )
-    # Reported slip has components along unit tangents, but an ellipse scales its second tangent, possibly by 0.
-    unit = np.where(elliptic[:, None, None], tangents_of(rows.normals), tangents)
-    ground = slid = None
-    if under is not None and len(kept):
-        ground, slid = (
-            _since(some, partial(_ground_motion, frictions, first[kept]), times) for some in (tangents, unit)
-        )
+    moves = None if under is None or not len(kept) else partial(_ground_motion, frictions, first[kept])
+    ground = None if moves is None else _since(tangents, moves, times)
     return Terms(
         **rows.columns,
         rows=rows.matrix(tangents, points),
         tangents=tangents,
-        directed=directed,
-        elliptic=elliptic,
+        directed=repeat_by_row(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
         frictions=frictions,
         gather=build_summation(term, len(first))[kept],
         acting=len(acting),
         dragged=held.dragged[kept],
         ground=ground,
-        reported=slid and (lambda t: np.einsum("mb,mbd->md", slid(t).reshape(unit.shape[:2]), unit)),
+        reported=ground and (lambda t: np.einsum("mb,mbd->md", ground(t).reshape(tangents.shape[:2]), tangents)),
         press=_pressures(frictions, table, obstacles, supports) if len(kept) else None,
     )
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each row: frictions of one kind have the same ground and ellipse, and alike `directions`."""
-    grounds = [f.ground and id(f.ground.value) for f in frictions]
-    ways = [(f.ellipse and id(f.ellipse), f.directions is not None and not f.in_plane) for f in frictions]
-    kinds = list(zip(grounds, ways, strict=True))
+    """Return the kind of each row: frictions of one kind have the same ground, and alike `directions`."""
+    kinds = [(f.ground and id(f.ground.value), f.directions is not None and not f.in_plane) for f in frictions]
     return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
 
@@ -444,7 +430,6 @@ def pose_contact(
     stops: Sequence[Obstacle],
     supports: Supports,
     times: Sequence[float],
-    known: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
     """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows."""
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
@@ -452,5 +437,5 @@ def pose_contact(
     rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)
     drawn[rubbing] = repeat_by_row(frictions, [f.ground is not None for f in frictions])
     obstacles = _obstacles(stops, table[rubbing.stop :], supports)
-    terms = _friction_terms(frictions, table[rubbing], supports, times, known=known, obstacles=obstacles)
+    terms = _friction_terms(frictions, table[rubbing], supports, times, obstacles)
     return terms, obstacles, _contact_surface(table, drawn, terms, supports, times)

@@ -175,8 +175,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     prestress = initial_stresses(parts, material, space)
     springs = _sum(p.stiffness for p in parts if p.material is None)
     supports, pins, (frictions, stops, surfaces) = _hold(space, parts, springs)
-    known = times if len(times) else between
-    terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times, known=known)
+    terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times)
     # The moduli of a material give its stiffness, unless the material contributes a stiffness matrix.
     forms = [p.material.stiffness(space) for p in parts if p.material is not None and p.stiffness is None]
     laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
@@ -203,7 +202,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     )
     warn_of_free_normals(frictions, supports, obstacles, springs)
     if pins:
-        check_balance(posed.force, mesh.points, known)
+        check_balance(posed.force, mesh.points, times if len(times) else between)
     return posed
 
 

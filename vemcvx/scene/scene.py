@@ -176,9 +176,7 @@ def active_parts(
 
 def _bound(friction: Friction) -> Datum:
     """Return a function of time whose values, one per row, are zero if the row has no friction at any pressure."""
-    law, ellipse, m = friction.law, friction.ellipse, len(friction.nodes)
-    if ellipse is not None:
-        return lambda t: np.maximum(*ellipse.bounds(t))
+    law, m = friction.law, len(friction.nodes)
     if law is None:
         return friction.weights
     if law.slips:

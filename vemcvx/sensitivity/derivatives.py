@@ -217,7 +217,7 @@ def sensitivities(
     Raises
     ------
     SceneError
-        A quantity does not fit the scene, friction depends on slips or on their direction, nothing holds the body, a
+        A quantity does not fit the scene, friction depends on slips, nothing holds the body, a
         small change of `theta` changes the unknowns of the scene, or `scene_of` does not return a scene.
     NotCertified
         As for :func:`vemcvx.simulate`.
@@ -294,7 +294,6 @@ def _refuse(posed: PosedScene) -> None:
     reasons = {
         "nothing holds the body": bool(posed.pins),
         "its friction depends on slips, or its law has no slope": law is not None and (law.slips or law.slope is None),
-        "its friction depends on the direction of slip": bool(terms.elliptic.any()),
         "its friction depends on pressure at nodes dragged by supports": law is not None and drags,
     }
     for words in (words for words, found in reasons.items() if found):

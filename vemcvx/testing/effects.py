@@ -80,8 +80,6 @@ class EffectSample:
     others : mapping of names to values
         For every field, another value that changes the answer: an :class:`Other` if this value needs further changes,
         and None if the field only states a property of another field.
-    pairs : tuple of str
-        Names of the fields whose value is a pair of data.
     in_space : bool
         True for the unit cube.
 
@@ -97,13 +95,7 @@ class EffectSample:
     instead: tuple[Effect, ...] = ()
     data: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, object] = field(default_factory=dict)
-    pairs: tuple[str, ...] = ()
     in_space: bool = False
-
-    def with_datum(self, name: str, value: object) -> Effect:
-        """Return the effect with another datum in a field; if the field has a pair, the second datum is replaced."""
-        first = getattr(self.effect, name)
-        return self.replace(**{name: (first[0], value) if name in self.pairs else value})
 
     def replace(self, **fields: object) -> Effect:
         """Return the effect with other values of fields."""
@@ -117,10 +109,10 @@ class EffectSample:
 
     @property
     def fields(self) -> list[str]:
-        """The names of the fields of the effect that exist for bodies of this dimension."""
+        """The names of the fields of the effect; in space without `plane`."""
         effect: Any = self.effect
-        foreign = "in the plane" if self.in_space else "in space"
-        return [setting.name for setting in dataclasses.fields(effect) if not setting.metadata.get(foreign)]
+        names = [one.name for one in dataclasses.fields(effect)]
+        return [name for name in names if not (self.in_space and name == "plane")]
 
     @property
     def on(self) -> list[str] | None:
@@ -284,7 +276,7 @@ def refuses_nan_and_infinity(sample: EffectSample) -> None:
 
             for value in (wrong if components == 1 else (*np.ones(components - 1), wrong), late):
                 with pytest.raises(SceneError, match=rf"^{sample.name}.*found NaN or infinity .*must be finite"):
-                    sample.answer(sample.with_datum(name, value), *sample.beside)
+                    sample.answer(sample.replace(**{name: value}), *sample.beside)
     for name in sample.fields:
         if isinstance(getattr(sample.effect, name), float):
             with pytest.raises(SceneError, match=f"^{sample.name}"):
@@ -299,7 +291,7 @@ def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
             shape = (len(x), components) if components > 1 else len(x)
             return handed.setdefault(len(x), np.full(shape, 0.25))
 
-        effect = sample.with_datum(name, function)
+        effect = sample.replace(**{name: function})
         first = sample.contribution(effect)
         assert handed
         assert all((array == 0.25).all() for array in handed.values())
@@ -317,7 +309,7 @@ def describes_itself_in_one_line(sample: EffectSample) -> None:
     if isinstance(sample.effect, IN_CELLS):
         assert "west" in sample.replace(on="west").describe()
     for name, components in sample.data.items():
-        many = sample.with_datum(name, np.ones((500, components))).describe()
+        many = sample.replace(**{name: np.ones((500, components))}).describe()
         assert "\n" not in many
         assert len(many) < 200
 

@@ -1,4 +1,4 @@
-"""Adaptive meshes against uniform squares of the same true error, measured in one run.
+"""Adaptive meshes and uniform squares of the same true error: their times and sizes, measured in one run.
 
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 

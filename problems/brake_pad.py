@@ -1,4 +1,4 @@
-r"""A brake pad on a disc that starts: friction nears a steady value if it grows with speed, and jumps if it falls.
+r"""A brake pad on a disc that starts: friction that grows with speed nears a steady value, friction that falls jumps.
 
 The pressure P presses the pad (0, L) x (0, H) on the disc below. The disc moves along x by V t. Friction per length
 depends on the speed v of slip,

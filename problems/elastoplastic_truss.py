@@ -15,10 +15,11 @@ K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b
 $$
 
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite, as the paper's assumption of
-ellipticity demands. (Isotropic hardening adds the accumulated plastic strain k with |p'| <= k'. Then j is finite only
-on the cone |q| <= k', and so is not a sum of norms w_i |B_i v|.)
+ellipticity demands. (Isotropic hardening adds the accumulated plastic strain k as an unknown, with |p'| <= k'. Then j
+is finite only on a cone, and j is no sum of norms w_i |B_i v|.)
 
-**One bar.** The plastic strain is p = E/(E+H) play_r(e) with r = sigma_y / E (see `spring_slider_chain.py`). With
+**One bar.** Let play_r(e) follow e like a ring of radius r that a finger inside the ring drags (see
+`spring_slider_chain.py`). With r = sigma_y / E the plastic strain is p = E/(E+H) play_r(e). With
 stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), sigma = E_t e + (E - E_t) stop_r(e). After loading to
 sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
 

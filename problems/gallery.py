@@ -2,8 +2,8 @@
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page no problem is run: a page of all pictures in the folder --out is written there as README.md. All pictures
-are stored again with a palette of 256 colours, which makes them small.
+With --page no problem is run: README.md, a page of all pictures in the folder --out, is written to the same folder.
+Every picture has a palette of 256 colours, which makes its file small.
 
 This folder has two kinds of problem:
 

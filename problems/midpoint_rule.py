@@ -1,9 +1,9 @@
 r"""Why backward Euler: comparison with the midpoint rule, on the slip of one block.
 
-Quasistatic friction is a play operator in the energy norm $|.|_a$. With the elastic form a and the friction functional
-j, let C be the set {z : a(z, v) <= j(v) for all v} of displacements whose forces friction can balance. Let u_l(t) be
-the displacement of the body under the load l without friction, and z = u_l - u. Let N_C be the normal cone of C, and
-P_C the projection on C, in this norm. The problem and its steps of backward Euler, (2.34), are
+Let a be the elastic form, |.|_a its energy norm, and j the friction functional. The displacements whose forces friction
+can balance form the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the projection on
+C, both in the energy norm. Let u_l(t) be the displacement of the body under the load l without friction, and
+z = u_l - u. Quasistatic friction is a play operator: the problem and its steps of backward Euler, (2.34), are
 
 $$ u' \in N_C(z) \qquad \text{and} \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
@@ -20,7 +20,8 @@ So a step of the midpoint rule is one convex program, too: backward Euler to the
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-The midpoint rule maps z by 2 P_C - 1, which is nonexpansive like P_C: errors of the solver do not grow either. However:
+The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C. So errors of the solver do not grow, as they
+do not grow in backward Euler. However:
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.
@@ -31,11 +32,11 @@ The midpoint rule maps z by 2 P_C - 1, which is nonexpansive like P_C: errors of
 3. The midpoint rule has the order 2 only where slips are smooth: where they change their direction, but neither begin
    nor end.
 
-Backward Euler has the order 1 where slips turn gradually. Slips of plane bodies can only stop or reverse. For these
-bodies, and in space where slips keep their direction, backward Euler is *exact* at its instants if no slip stops or
-reverses inside a step: then the slip of the whole step obeys the law of friction at the end of the step. The reversals
-of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then
-of second order in the step. Where slips turn gradually, the dissipation is of first order, like the slips.
+Backward Euler has the order 1 where slips turn gradually. Where slips keep their direction, it is *exact* at its
+instants if no slip stops or reverses inside a step: then the slip of the whole step obeys the law of friction at the
+end of the step. Slips of plane bodies do not turn, but only stop or reverse. The reversals of the loads should
+therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then of second order in
+the step. Where slips turn gradually, the dissipation is of first order, like the slips.
 
     python problems/midpoint_rule.py [--picture FILE]
 

@@ -1,8 +1,8 @@
 r"""A rigid punch whose force moves away from its middle: it tilts, and its pressure has a closed form.
 
 A flat rigid punch of half width a is pressed without friction on an elastic half-plane in plane strain. The force P
-acts at the distance e to the right of its middle. The punch sinks and rotates until the pressure balances the force
-(Sadowsky 1928):
+acts at the distance e to the right of the punch's middle. The punch sinks and rotates until the pressure balances the
+force (Sadowsky 1928):
 
 $$
 p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,

@@ -1,4 +1,4 @@
-r"""A block on a rough layer: asperities act like springs, and soften the contact with a cylinder.
+r"""A block on a rough floor or on a rough cylinder: asperities act like springs, and soften the contact.
 
 The top of a column of height H, in plane stress, is pressed down by D. A rough layer lies `gap` below the column. The
 pressure p of the layer is c times its compression (Martins and Oden 1987). The stress is uniaxial, and its computed

@@ -11,7 +11,8 @@ Every solution u is compared with Newton's solution u*, which is certified to ro
 that rounding may cause. With the stiffness K of all unknowns,
 
 $$
-|u - u^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}} \text{ of } u, \text{ plus the same roots of } u^*.
+|u - u^*|_K \le \sqrt{2 \, \text{gap}(u)} + \sqrt{2 \, \text{floor}(u)} +
+\sqrt{2 \, \text{gap}(u^*)} + \sqrt{2 \, \text{floor}(u^*)}.
 $$
 
 All errors are relative to the largest |u*|_K up to the step. A row that violates this bound is printed as WRONG, and
@@ -69,7 +70,7 @@ from vemcvx.solvers.conic import list_installed
 from vemcvx.stepping import certify_in_full, initial_state, prepare, step
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
-"""The load over the full load, instant by instant; the last step is measured."""
+"""Loads at the instants, divided by the full load; the last step is measured."""
 FORMS = {"condensed": True, "full": False}
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 FLOOR = 1e-15
@@ -137,7 +138,7 @@ class Reference:
 
 
 def solvers():
-    """Return functions that make a solver for an accuracy, by name: `OURS`, and the other solvers that cvxpy finds."""
+    """Return name -> function that makes a solver of a given accuracy, for `OURS` and the other solvers of cvxpy."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 

@@ -125,7 +125,7 @@ def virtual_energies(corners):
 
 
 def extend_harmonically(K, rim, corners, total):
-    """Return the hat functions of the outline, extended harmonically, (total, n)."""
+    """Return the values (total, n) of the n hat functions, linear on the outline and harmonic inside, at all points."""
     n, m = len(corners), len(rim)
     values = np.zeros((total, n))
     for i, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):

@@ -2,8 +2,8 @@
 
 The stabilisation S(v - Pi v, w - Pi w) is the energy of the parts of v and w that the projection Pi on linear fields
 omits. A class with one method defines S for each cell K. The scene takes an object of this class, as in
-``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance use the form a^h
-with this stabilisation.
+``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance of two runs
+(`vx.measures.energy_distance`) use the form a^h with this stabilisation.
 
 boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b, and m the mean of |e|. This is
             mu m / 2 times the integral over dK of d_s v . d_s w, with the slopes d_s along edges. S. Brenner and Sung,

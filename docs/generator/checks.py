@@ -1,4 +1,4 @@
-"""Checks that Sphinx lacks: files that pages load, links in raw HTML, descriptions of pictures, order of headings."""
+"""Further checks of pages: the files that they load, links in raw HTML, descriptions of pictures, order of headings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages with unchecked headings: a script writes the headings of the search page; the index has letters as headings."""
+"""Pages whose headings are not checked: a script makes those of the first, and those of the second are letters."""
 
 
 def find_faults(site: Path) -> list[str]:

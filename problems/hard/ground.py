@@ -94,7 +94,7 @@ def trace_outline(follows):
 
 
 def split_nodes(n, part):
-    """Return squares with two nodes in place of each inner node; x and y of the two differ by `part` times a side."""
+    """Return squares in which each inner node is a pair of nodes, at x and at x + (part, part) / n."""
     mesh = vx.meshes.squares(n)
     inside = np.flatnonzero((np.abs(mesh.points - 0.5) < 0.5 - 0.25 / n).all(axis=1))
     twin = np.full(mesh.n_nodes, -1)

@@ -49,9 +49,10 @@ assert np.abs(gradient - np.abs(slips).sum(axis=0)).max() > 0.1  # the explicit 
 
 # %% [markdown]
 # **2.** The unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal
-# forces, vertical forces, and moments about the left edge. Its multipliers are the motion. The footing slides if the
-# force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. (A real footing
-# would not rise: Coulomb's friction is not associated.) Under a force higher up, the footing tips about its right edge.
+# forces, vertical forces, and moments about the left edge. The multipliers of these rows are the motion. The footing
+# slides if the force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. (A
+# real footing would not rise: Coulomb's friction is not associated.) Under a force higher up, the footing tips about
+# its right edge.
 
 # %%
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4
@@ -80,9 +81,11 @@ assert tips[1] > 0.1
 
 # %% [markdown]
 # **3.** Constant forces of any size are possible: slips of earlier cycles shift $Ku$ by any constant, because $K$ is
-# invertible. So the conditions on the two sliders are separate. Slider $i$ needs a point $-\bar\lambda_i/\alpha$ whose
-# distance from all $\lambda^e_i(t)$ is at most $w_i/\alpha$. This point is the centre of a disc that contains all
-# points. Such a disc exists if and only if $w_i/\alpha$ is at least the radius $r_i$ of the smallest disc. Therefore
+# invertible. So the conditions on the two sliders are separate. As in the exercise, let $\bar\lambda_i$ be the constant
+# forces, and $\lambda^e_i(t)$ the friction forces of a cycle without slip. Slider $i$ needs a point
+# $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at most $w_i/\alpha$. This point is the centre of
+# a disc that contains all points $\lambda^e_i(t)$. Such a disc exists if and only if $w_i/\alpha$ is at least the
+# radius $r_i$ of the smallest disc. Therefore
 #
 # $$\alpha^* = \min_i\; w_i / r_i .$$
 #

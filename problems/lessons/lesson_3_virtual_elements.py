@@ -316,7 +316,7 @@ for _family in ("squares", "hexagons"):
 for _n in (4, 8):
     assert 4 / lame(1.0, poissons[-1])[1] < cantilever["triangles", _n][-1] < 0.1 * beam[-1]
 coarse = {key: round(values[-1]) for key, values in cantilever.items()}
-print(f"deflections: beam {beam[-1]:.0f}, fine squares {limit:.0f}, by family and cells across {coarse}")
+print(f"deflections: beam {beam[-1]:.0f}, fine squares {limit:.0f}; (family, cells across): {coarse}")
 
 
 # %% jupyter={"source_hidden": true}

@@ -65,8 +65,9 @@ for _normal in (0.0, 100.0):
 
 # %% [markdown]
 # **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
-# each of them. For the bar $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in
-# $x$, and its equation contains no rate, so the answer is exact on every mesh and for every step.
+# each of them. The bar has the modulus $M$ of uniaxial strain. If its left end moves by $U$, $M U = \beta (u_0 - U)$,
+# so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of $U$ contains no rate, so the
+# answer is exact on every mesh and for every step.
 
 
 # %%
@@ -126,10 +127,9 @@ assert abs(ratios[-1] - 4) < 0.05
 # %% [markdown]
 # **4.** A step would minimise
 # $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
-# squared positive part is convex, so there is one minimiser, and a gap certifies it. The package has such a term,
-# `Limits(compliance=)`, for the displacement beyond a fixed distance. Here the distance would be $u_{prev}$, which
-# changes in every step, and the contributions of this package do not provide this. We compute one degree of freedom by
-# hand:
+# squared positive part is convex, so there is one minimiser, and a gap certifies it. The package has this term,
+# `vx.Limits(compliance=1/c, rates=True)`: limits on velocities. The effect `vx.VelocityContact` contributes them. We
+# compute one degree of freedom by hand:
 
 
 # %%

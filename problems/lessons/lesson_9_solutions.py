@@ -12,9 +12,9 @@ f, w = np.linspace(2.0, -0.7, size), np.linspace(0.6, 0.3, size)
 EPS = np.finfo(float).eps
 
 # %% [markdown]
-# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the nearest point is
-# $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the smallest quotient slips first. (No linear
-# system is needed.)
+# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the point of the box
+# that is nearest to $\alpha f$ is $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the smallest
+# quotient slips first. (No linear system is needed.)
 
 # %%
 factors = w / np.abs(f)
@@ -95,9 +95,10 @@ assert growth[1] < growth[0]
 assert counts[-1][1] < counts[-1][0]
 
 # %% [markdown]
-# **4.** As a function of the nodal forces $B^T\lambda$, $D$ has the second derivative $-K^{-1}$, which is negative
-# definite. So the nodal forces are unique. The map from $\lambda$ to $B^T\lambda$ is one-to-one if the rows of $B$ are
-# independent. With two equal rows only the *sum* of the two forces is determined, like two brakes on one wheel.
+# **4.** As a function of the nodal forces $B^T\lambda$, the dual objective $D$ has the second derivative $-K^{-1}$,
+# which is negative definite. So the nodal forces are unique. The map from $\lambda$ to $B^T\lambda$ is one-to-one if
+# the rows of $B$ are independent. With two equal rows only the *sum* of the two forces is determined, like two brakes
+# on one wheel.
 
 # %%
 stiffness, load = 2.0, 1.5

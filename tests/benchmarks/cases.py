@@ -1,4 +1,4 @@
-"""The benchmarks: the paper's reference run, a block in space, assembly, time up to a million unknowns."""
+"""The benchmarks: the paper's reference run, a block in space, the assembly, and runs with up to a million unknowns."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def measure_assembly(n: int) -> list[Row]:
         mesh, theirs = getattr(vx.meshes, family)(n), grid(n, kind)
         ours, other = alternate(partial(assemble, mesh), partial(assemble_elasticity, theirs), repeats=5)
         rows.append(Row(f"assembly of K, {family}, {2 * mesh.n_nodes} unknowns", ours, "scikit-fem", other, "<= 1"))
-    # A Voronoi mesh has two nodes per cell. All undistorted squares share one local matrix.
+    # Voronoi meshes have two nodes per cell. Squares are distorted, because equal squares share one local matrix.
     voronoi, quadrangles = vx.meshes.voronoi(n, cells=n * n // 2), vx.meshes.distorted(n)
     ours, other = alternate(partial(assemble, voronoi), partial(assemble, quadrangles), repeats=5)
     what = f"assembly of K, voronoi, {2 * voronoi.n_nodes} unknowns"
@@ -137,13 +137,13 @@ def growth_row(growth: list[dict], linear: str) -> Row:
     """Return a row with the exponent p of time = O(unknowns^p), from the smallest and the largest size."""
     first, last = growth[0], growth[-1]
     name = (
-        f"logarithm of the growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} "
+        f"logarithm of the ratio of times, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} "
         f"(largest: {last['seconds']:.0f} s, {last['peak_gb']:.1f} GB, certified {last['certified']:.0e})"
     )
     return Row(
         name,
         np.log(last["seconds"] / first["seconds"]),
-        "logarithm of the growth of unknowns",
+        "logarithm of the ratio of unknowns",
         np.log(last["unknowns"] / first["unknowns"]),
         "<= 1.3",
     )

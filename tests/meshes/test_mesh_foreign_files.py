@@ -55,7 +55,7 @@ READ = {
     "g9_samename_22.msh": {"data": {"steel": [1, 1]}, "named": ("steel",)},
     "g3_saveall_41.msh": {"data": {"all": [1, 1], "steel": [0, 1]}, "named": ("floor", "outer")},
 }
-"""File -> its number of cells or its cell data; for some files, the points and the names of the boundaries."""
+"""File -> expected values: the number of cells or cell data, and for some files points or names of boundaries."""
 REFUSED = {
     "a1_two_parts.inp": "nodes 3 and 4 are in the same place.* If 'Lower-1', 'Upper-1' are bodies, "
     ".*='physical'; vemcvx run --mesh does so if the scene names .*'Lower-1.NAME'",
@@ -283,7 +283,7 @@ def test_unsupported_cards_are_refused_with_the_cause(read_text):
 
 
 def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
-    """Read lines with and without a name, lines inside the domain, and a surface in two groups."""
+    """Read curves with and without a name, a curve inside the domain, and a surface in two groups."""
     with pytest.warns(vx.MeshWarning, match="1 of 1 lines named '7' are not on the boundary and are left out"):
         mesh = read_text(".msh", GMSH)
     assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]

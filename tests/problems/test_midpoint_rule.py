@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import midpoint_rule as lesson
+import midpoint_rule as rules
 import vemcvx as vx
 
 
 @pytest.fixture(scope="module")
 def found():
-    return lesson.table((16, 32, 64, 128))
+    return rules.table((16, 32, 64, 128))
 
 
 def orders(values):
@@ -39,13 +39,13 @@ def test_both_rules_have_order_one_if_slip_begins_during_the_run(found):
 
 
 @pytest.mark.long
-def test_the_package_takes_the_steps_of_the_lesson():
+def test_the_package_takes_the_steps_of_both_rules():
     """A step of the midpoint rule is a half step of backward Euler, then a reflection: one convex program."""
     times = np.linspace(0, 2, 25)
-    slider = vx.System(np.eye(2), lesson.from_rest, vx.Norms(np.eye(2), [1.0], block=2))
-    run = vx.march(slider, times, initial=lesson.BEHIND)
-    np.testing.assert_allclose(run.state, lesson.backward_euler(lesson.from_rest, times, lesson.BEHIND), atol=1e-9)
-    ends, middles = lesson.midpoint(lesson.from_rest, times, lesson.BEHIND)
-    k = int(np.flatnonzero(np.abs(middles[:, 0] - lesson.BEHIND[0]) > 1e-12)[0])  # the first step that slips
+    slider = vx.System(np.eye(2), rules.from_rest, vx.Norms(np.eye(2), [1.0], block=2))
+    run = vx.march(slider, times, initial=rules.BEHIND)
+    np.testing.assert_allclose(run.state, rules.backward_euler(rules.from_rest, times, rules.BEHIND), atol=1e-9)
+    ends, middles = rules.midpoint(rules.from_rest, times, rules.BEHIND)
+    k = int(np.flatnonzero(np.abs(middles[:, 0] - rules.BEHIND[0]) > 1e-12)[0])  # the first step that slips
     half = vx.march(slider, [times[k], 0.5 * (times[k] + times[k + 1])], initial=ends[k])
     np.testing.assert_allclose(half.state[-1], middles[k], atol=1e-9)

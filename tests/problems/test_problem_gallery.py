@@ -108,7 +108,7 @@ def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
 
 
 def test_the_slip_of_a_fault_causes_the_given_stress_drop():
-    """On the middle six tenths of the fault, with 16 cells along the fault, the stress drop is within 2 %."""
+    """On the middle six tenths of the fault, 16 cells along the fault give the stress drop with an error below 2 %."""
     x, lost = fault.stress_drop(run_small(fault))
     assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
 
@@ -189,7 +189,7 @@ def test_a_beam_meets_its_stop():
     force = beam.FORCE * history.times
     end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
     found, R = -history.displacement[:, end, 1].mean(axis=1), history.force("stop")[:, 1]
-    # A beam of squares of side H/16 bends .8 % too little. Force and stop make dents in the beam, O((H / L)^2).
+    # With squares of side H/16 the beam bends .8 % too little. Dents at force and stop add O((H / L)^2).
     near = {"rel": 0.01, "abs": 1e-6}
     assert found == pytest.approx(beam.end_deflection(force), **near)
     free = force * beam.deflection_by_force() < beam.GAP
@@ -202,7 +202,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed thin-layer theory by less than 4.5 mu d / h: shear modulus mu, squeeze d, thickness h."""
+    """For shear modulus mu, squeeze d, thickness h, pressures exceed thin-layer theory by less than 4.5 mu d / h."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)

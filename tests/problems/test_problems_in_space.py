@@ -60,7 +60,7 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """Friction opposes the step of a node, which is the step of the plate minus the change of the node's lag."""
+    """Friction opposes the motion of the plate. The deviation is due to changes of the lag of the sole in a step."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -90,7 +90,7 @@ def test_a_flange_unscrews_when_its_base_shakes(n):
     held, friction = (history.moment(kind)[:, 2] for kind in (vx.ElasticFoundation, vx.CoulombFriction))
     applied = -held - friction
     assert np.ptp(applied) < 1e-7 * np.abs(applied).max()
-    # The load acts on polygons in place of circles.
+    # The load acts on a polygon with 16n corners in place of a circle, which explains the tolerance.
     assert applied[0] == pytest.approx(0.75 * flange.FRICTION_TORQUE, rel=(np.pi / (16 * n)) ** 2)
     assert np.all(np.abs(friction) <= flange.FRICTION_TORQUE * 1.05)
     turned = flange.angle(history)[:: flange.STEPS]
@@ -120,17 +120,17 @@ def test_a_skew_joint_is_a_friction_spring(family):
     contact, known, found = history.contact, skew.exact_solution(history.times), skew.springs(history)
     assert (contact.partners >= 0).all()
     assert np.abs(skew.forces(history)[:, 2] + skew.load(history.times)).max() < 1e-12
-    # When rigid blocks just stick, elastic blocks may slip at all nodes, slightly and in any direction.
+    # Leave out steps in which rigid blocks stick: elastic blocks may slip slightly then, in any direction.
     slides = (contact.slip_count == len(contact.nodes)) & (np.abs(np.diff(known, prepend=0.0)) > 1e-9)
     assert slides.sum() >= 9
     assert found[slides] == pytest.approx(known[slides], rel=1e-4)
-    # Blocks are a hundred times as stiff as the springs at their sides.
+    # The tolerance is 3 %, because the springs at the sides have a hundredth of the stiffness of the blocks.
     assert found == pytest.approx(known, abs=0.03 * known.max())
 
 
 @pytest.mark.long
 def test_a_ball_lifts_off_the_back_of_its_socket():
-    """Normals of faces at a node differ from their mean by less than the angle of a cell, 90 degrees / (2 n)."""
+    """At first pressures are above p cos(pi / 8): faces at a node are inclined by at most pi / 8 to its mean normal."""
     history = simulate(ball, 2)
     contact = history.contact
     assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE
@@ -166,7 +166,7 @@ def test_the_normal_force_of_a_dovetail_is_between_its_values_at_full_slip(slant
 @pytest.mark.long
 @pytest.mark.parametrize("friction", [0.2, 0.1])
 def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
-    """Friction forces turn towards the pull while nodes slip; each step divides the deviation by about seven."""
+    """While nodes slip, their friction forces turn towards the pull, until their sum is mu N along the pull."""
     history = vx.simulate(lap_joint.scene(friction), lap_joint.mesh(2), lap_joint.times(20), solver=vx.Newton(1e-7))
     lap, heads, walls = lap_joint.forces_on_upper_plate(history)
     contact, pull, t = history.contact, history.reaction("upper.right"), history.times

@@ -28,7 +28,7 @@ def test_terms_of_infinite_weight_always_stick(block):
         assert certificate.error < 1e-6
         assert np.abs(answer.d - d).max() <= 1e-6
         assert answer.lam[1] == pytest.approx(lam, abs=1e-5)
-    # If an answer slips at such a term, the certificate moves it back and counts the distance.
+    # If d violates B_1 d = b_1, the certificate corrects d, and its error includes the correction.
     assert program.certify(d + 0.01, answer.lam, answer.p).error > 0.01
     assert program.objective(d + 0.01) == np.inf
     assert program.certify(d).error < 1e-6

@@ -17,7 +17,7 @@ OF_TRIANGLES = ("triangles",)
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Return a parametrisation: the first case or the cases `kept` (place or id) run by default; others get a mark."""
+    """Return a parametrisation: cases get the mark `others`, except the cases `kept` (places or ids; default: 0)."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))
@@ -44,7 +44,7 @@ MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
     "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
-"""Families for longer tests that depend on cells only through the stiffness matrix, which is tested on every family."""
+"""Families for longer tests in which only the stiffness matrix depends on cells. Other tests check all families."""
 any_family = mostly_long("family", FAMILIES, "voronoi")
 """Families for longer tests that every family must pass."""
 
@@ -80,7 +80,7 @@ def cyclic(t):
 
 
 def drawn(family, seed):
-    """Return the family; for one seed in eight, return a family that is not in `SEEDED` instead, if there is one."""
+    """Return `family`. For every eighth seed, return a family outside `SEEDED`, if there is one."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 

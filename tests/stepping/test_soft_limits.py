@@ -45,7 +45,7 @@ def settled(scene, mesh, **options):
 @mostly_long("linear", LINEAR, ids=str)
 @mostly_long("k", [1e-2, 1e-4, 1e-6], 2)
 def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
-    """Rounding once lost the load: with springs of 1e-8 E, errors were 40 times the energy norm."""
+    """With springs of 1e-8 E, rounding once caused an error of 40 times the energy norm of the solution."""
     scene, mesh = pressed(k, push=0.0), squares(8)
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8
@@ -78,7 +78,7 @@ def test_certificates_bound_the_distance_to_exact_steps(k, kind, condense):
 
 
 def test_a_given_start_with_dashpots_has_the_pressure_of_its_depth():
-    """The body presses the ground of stiffness 100 in by 0.01 times the coordinate x, so that the pressure is x."""
+    """At x, the body compresses the ground by 0.01 x. The stiffness of the ground is 100, so the pressure is x."""
     mesh = vx.meshes.squares(2)
     creep = vx.Elasticity(20.0, 0.0), vx.Viscosity(5.0, 0.0), vx.Clamp(on="left")
     down = np.column_stack([0.0 * mesh.points[:, 0], -0.01 * mesh.points[:, 0]])

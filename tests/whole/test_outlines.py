@@ -11,7 +11,7 @@ import vemcvx as vx
 from vemcvx.base.table import Table
 
 SCREEN = 30, 140
-"""Numbers of lines and of columns."""
+"""Lines and columns of a screen."""
 NAMES = "history", "contact", "trajectory", "program", "certificate"
 LONG = "budget", "bound", "whole", "of", "adapted"
 """Results that take seconds to compute."""

@@ -27,7 +27,7 @@ def test_nothing_moves_if_friction_balances_the_load(solver, K, B, f):
         assert run.certificate.max() <= solver.accuracy
         vx.march(system, [0.0, 0.5, 1.0], solver=solver)
     elif run.certificate.max() > solver.accuracy:
-        with pytest.raises(vx.NotCertified, match=r"use polish=True, or vx\.Newton"):
+        with pytest.raises(vx.NotCertified, match=r"use vx\.Newton"):
             vx.march(system, [0.0, 0.5, 1.0], solver=solver)
 
 

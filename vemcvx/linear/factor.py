@@ -133,10 +133,8 @@ class LinearSolver(ABC):
 
         Raises
         ------
-        NotAccepted
-            The class computes no Schur complements: see `eliminates`.
-        SceneError
-            The matrix is not positive definite.
+        NotAccepted, SceneError
+            The class computes no Schur complements; the matrix is not positive definite.
         """
         raise NotAccepted(f"linear solver {type(self).__name__}: it computes no Schur complements; use SuperLU().")
 

@@ -19,13 +19,14 @@ import importlib.util
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh_tridiagonal
 from scipy.sparse.linalg import cg
 
-from vemcvx.base.arrays import EPS, Floats, part, whole
+from vemcvx.base.arrays import EPS, Floats, part
 from vemcvx.base.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 from vemcvx.linear.superlu import SuperLU
@@ -45,8 +46,6 @@ class Iterative(LinearSolver):
     ----------
     tolerance : float
         Residual of every solve, relative to its right side; in (0, 1).
-    max_iterations : int
-        Largest number of iterations of a solve, at least 1.
 
     Examples
     --------
@@ -55,12 +54,10 @@ class Iterative(LinearSolver):
     """
 
     tolerance: float = 1e-12
-    max_iterations: int = 200
+    max_iterations: ClassVar[int] = 200
 
     def __post_init__(self) -> None:
-        name = type(self).__name__
-        part(self.tolerance, name, "tolerance", "a relative residual", "1e-12")
-        whole(self.max_iterations, name, "max_iterations", "iterations")
+        part(self.tolerance, type(self).__name__, "tolerance", "a relative residual", "1e-12")
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> IterativeFactor:
         if importlib.util.find_spec("pyamg") is None:

@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -196,15 +195,14 @@ class Ranks:
 @cache
 def all_ranks() -> Ranks:
     """Return the ranks of this run: a single one if it started without mpiexec."""
-    if missing := [package for package in ("petsc4py", "mpi4py") if find_spec(package) is None]:
-        raise NotAccepted(
-            f"PETSc: {' and '.join(missing)} cannot be imported; install Debian's python3-petsc4py and python3-mpi4py, "
-            "or conda-forge's petsc4py and mpi4py, or build them (pip install 'vemcvx[petsc]'), or use Iterative()."
-        )
     try:
         return Ranks()
     except ImportError as error:
-        raise NotAccepted(f"PETSc: petsc4py is installed, but cannot be loaded: {_shorten(error)}") from error
+        raise NotAccepted(
+            f"PETSc: petsc4py or mpi4py cannot be loaded ({_shorten(error)}); install Debian's python3-petsc4py and "
+            "python3-mpi4py, or conda-forge's petsc4py and mpi4py, or build them (pip install 'vemcvx[petsc]'), or use "
+            "Iterative()."
+        ) from error
 
 
 def serve() -> bool:

@@ -12,10 +12,9 @@ Let y be a state under the force f, with retained displacements y_c; xi_f and ta
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
-where phi'y is the work of a force phi. No energies are subtracted from each other. If K has a kernel
-(:mod:`.kernel`), the diagonal matrix E of the anchors' stiffness is added to K; the Schur complement is then S + E.
-
-The loads of a run combine few forces, called shapes. Each costs one solve.
+where phi'y is the work of a force phi. If K has a kernel (:mod:`.kernel`), the diagonal matrix E of the anchors'
+stiffness is added to K; the Schur complement is then S + E. The loads of a run combine few forces, called shapes. Each
+costs one solve.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ certified error of 5e-5.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, ClassVar
@@ -23,31 +23,24 @@ from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import PreparedNewton
 from vemcvx.solvers.solver import INNER_FRACTION, TARGET_FRACTION, Solver
 
-
-@dataclass(frozen=True)
-class GapTolerance:
-    """A tolerance that depends on the requested gap: share * gap^power, clipped to [least, most]."""
-
-    share: float
-    least: float
-    most: float = 1e-8
-    power: float = 1.0
-
-    def at(self, gap: float) -> float:
-        """Return the tolerance for a gap."""
-        return float(np.clip(self.share * gap**self.power, self.least, self.most))
+Setting = float | str | Callable[[float], float]
 
 
-SHORT = GapTolerance(TARGET_FRACTION, 1e-13)
+def follow_gap(share: float, least: float, most: float = 1e-8, power: float = 1.0) -> Callable[[float], float]:
+    """Return a tolerance as a function of the requested gap: share * gap^power, clipped to [least, most]."""
+    return lambda gap: float(np.clip(share * gap**power, least, most))
+
+
+SHORT = follow_gap(TARGET_FRACTION, 1e-13)
 """Tolerance of solvers that break down at smaller tolerances."""
-RESIDUAL = GapTolerance(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
+RESIDUAL = follow_gap(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
 """Tolerance of OSQP's residuals, which enter the gap squared."""
 
-TUNED: Mapping[str, Mapping[str, GapTolerance | float | str]] = {
+TUNED: Mapping[str, Mapping[str, Setting]] = {
     "CLARABEL": {
-        "tol_gap_abs": GapTolerance(INNER_FRACTION, 1e-15),  # its gap differs from the certificate's gap
-        "tol_gap_rel": GapTolerance(INNER_FRACTION, 1e-15),
-        "tol_feas": GapTolerance(TARGET_FRACTION, 1e-13, power=0.5),  # residuals enter the gap squared
+        "tol_gap_abs": follow_gap(INNER_FRACTION, 1e-15),  # its gap differs from the certificate's gap
+        "tol_gap_rel": follow_gap(INNER_FRACTION, 1e-15),
+        "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # residuals enter the gap squared
         "max_threads": 1,  # two threads take three times as long on the patterns that cvxpy makes
         "direct_solve_method": "faer",  # the paper's full program takes 4.6 s, with qdldl 22 s
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
@@ -159,10 +152,6 @@ class ThroughCvxpy(Solver):
         return self.solver
 
     @property
-    def advice(self) -> str:
-        return super().advice if self.polish else f"use polish=True, or {super().advice.removeprefix('use ')}"
-
-    @property
     def cones(self) -> bool:
         """True if the solver accepts second-order cones."""
         import cvxpy as cp
@@ -189,7 +178,7 @@ class ThroughCvxpy(Solver):
         tuned: dict[str, Any] = dict(TUNED.get(self.solver, {})) if self.tuned else {}
         if self.tuned and semidefinite:
             tuned |= SEMIDEFINITE.get(self.solver, {})
-        at_gap = {name: value.at(gap) if isinstance(value, GapTolerance) else value for name, value in tuned.items()}
+        at_gap = {name: value(gap) if callable(value) else value for name, value in tuned.items()}
         return at_gap | dict(self.options)
 
     def for_second_attempt(self) -> ThroughCvxpy:

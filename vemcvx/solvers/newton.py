@@ -317,10 +317,6 @@ class Newton(Solver):
         super().__post_init__()
         whole(self.max_iterations, "Newton", "max_iterations", "linear solves")
 
-    @property
-    def advice(self) -> str:
-        return "raise max_iterations"
-
     def prepare(self, operators: Operators) -> PreparedNewton:
         return PreparedNewton(operators, self.max_iterations)
 

@@ -36,12 +36,7 @@ class Prepared(Protocol):
         target : float
             Requested duality gap, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess of the multipliers, predicted from earlier steps, with the signs of
-            :class:`vemcvx.program.step_program.StepProgram`; p is zero by default.
-
-        Returns
-        -------
-        Answer
+            A guess of the multipliers, predicted from earlier steps; p is zero by default.
         """
 
 
@@ -94,11 +89,6 @@ class Solver(ABC):
     @abstractmethod
     def accepts(self) -> frozenset[str]:
         """The accepted features of programs: a subset of `FEATURES` (:mod:`vemcvx.program.operators`)."""
-
-    @property
-    def advice(self) -> str:
-        """The advice to a user whose run misses its accuracy, besides requesting a lower accuracy."""
-        return "use vx.Newton()"
 
     @abstractmethod
     def prepare(self, operators: Operators) -> Prepared:

@@ -50,7 +50,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
 
 
 def _advice(run: PreparedRun, reached: float, floor: float) -> str:
-    solver, accuracy = run.solver, run.solver.accuracy
+    accuracy, more = run.solver.accuracy, f"Ask for accuracy={2 * reached:.0e} or more"
+    other = "raise max_iterations" if run.solver.name == "Newton" else "use vx.Newton()"
     if floor > 0.1 and run.system.kernel is not None:
         return "Friction and contact hardly hold the body against this load: lower the load, or add a support"
     if floor > 0.1:
@@ -59,10 +60,8 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
             "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"
         )
     if not reached < 0.5:
-        return f"The answer is not reliable: {solver.advice}"
-    if floor > accuracy:
-        return f"Round-off alone allows {floor:.1e}: ask for accuracy={2 * reached:.0e} or more"
-    return f"Ask for accuracy={2 * reached:.0e} or more, or {solver.advice}"
+        return f"The answer is not reliable: {other}"
+    return f"Round-off alone allows {floor:.1e}: {more.lower()}" if floor > accuracy else f"{more}, or {other}"
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
@@ -117,43 +116,23 @@ def refuse_floating_rates(system: System) -> None:
 
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
     """Raise SceneError because a step at the initial instant moves the given state by the relative norm `jump`."""
-    operators, limits, norms, where = run.operators, run.system.limits, run.system.norms, ""
-    gap = state.data.remaining_gap
-    inside, size = operators.D @ state.y - gap, abs(operators.D) @ np.abs(state.y) + np.abs(gap)
-    inside[inside <= SAME * size] = 0.0
-    if limits is not None and (inside := np.where(limits.rigid, inside, 0.0)).max(initial=0.0) > 0:
-        worst = int(np.argmax(inside))
-        raise SceneError(
-            f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at "
-            f"{limits.name(worst)}. Start from initial='settled' (one step from zero), from a given state, or with a "
-            "gap that begins at zero."
-        )
+    operators, norms, where = run.operators, run.system.norms, ""
     if norms is not None:
         way = lengths(operators.blocks(operators.B @ (settled.y - state.y)))
         worst = int(np.argmax(way))
         where = f" It slips most at {norms.name(worst)}, by {way[worst]:.3g}." if way[worst] > 0 else ""
-    of_a_function = (
-        " If the function u_0 obeys (2.1), its nodal values still violate it: give simulate the function, "
-        "initial=vx.projected(u_0). To continue another run (initial=history), begin with the loads and "
-        "supports at the end of that run."
-        if state.y.any()
-        else ""
-    )
     much = f"by {jump:.1e} of the energy norm, more than 1e-06" if np.isfinite(jump) else "from rest"
     raise SceneError(
         f"initial: the state at t = {state.t:.6g} is not {'in equilibrium' if norms is None else 'held by friction'} "
-        f"(condition (2.1)): one step at this instant moves it {much}.{where} If loads or motions act from the start, "
-        "use initial='settled', in a problem file too: the run then begins after one step from zero. Or start from "
-        f"'equilibrium' (no friction), from a given state, or with a load that begins at zero.{of_a_function}"
+        f"(condition (2.1)): one step at this instant moves it {much}.{where} Start from initial='settled' (one step "
+        "from zero; in a problem file, too), from 'equilibrium' (no friction), from vx.projected(u_0) if u_0 is a "
+        "function, or with loads and gaps that begin at zero. With initial=history, begin with the loads and supports "
+        "at the end of that run."
     )
 
 
 def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> None:
-    """Warn if weights may fall so fast with slip that the shortest step of the run may have several solutions.
-
-    Weights fall by at most k_i per slip. Let rho be the largest eigenvalue of k^{1/2} B K^{-1} B' k^{1/2}. If rho < 1,
-    a step has one solution. With iterative linear solvers rho would take one solve per row: there is no warning.
-    """
+    """Warn if a step may have several solutions (theorem: docs/theory/coulomb.md); not if solves are inexact."""
     softening, block = norms.softening, operators.block
     if softening is None or not softening.any() or not operators.factor.exact:
         return

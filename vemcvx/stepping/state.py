@@ -1,22 +1,20 @@
 """The data of a run and of an instant, the state after a step, and its ledger of energies.
 
-The ledger of a step of backward Euler has the entries below. The letter d marks a change in the step. Norm terms
-have the forces lam, limits have the forces p and the compliances c. The motion of supports minus the motion of the
-ground, measured like a slip, is h. D^ are the rows of limits on u, and g = e - D^u_D is the gap at y = 0.
+The ledger of a step has the entries below. The letter d marks a change in the step. Norm terms have the forces lam,
+limits the forces p and the compliances c. The motion of supports minus the motion of the ground, measured like a slip,
+is h, and g = e - D^u_D is the gap at y = 0, with the rows D^ of limits on u.
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg
            (forces and reactions at the end of the step; the load excludes the Dirichlet force)
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
 identity   work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2)  in a step with a balanced answer; z = D^u - e.
-           For hard limits p . dz = -p . z_prev >= 0. For soft limits p . dz - d(c p^2 / 2) >= c (dp)^2 / 2
 
 Contact nodes whose motion supports prescribe are not in the program. Their slip s is the change of h; they add w |s| to
 the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
 b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
 
-The sums above are of first order in the length of steps. The trapezoidal rule gives a loss of second order, and the
-energy balance of the continuum gives a work of second order:
+These sums are of first order in the length of steps. Of second order are
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 

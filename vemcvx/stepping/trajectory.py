@@ -99,37 +99,26 @@ class Trajectory(ArrayRecord):
         All instants.
     stored : (S,) array
         Step numbers of the rows of all arrays (S, ...).
-    state : (S, n) array
-        y at the stored instants.
-    multipliers : (S, m, block) array
-        lam with K y = load - B'lam - D'p and |lam_i| <= w_i.
-    pressures : (S, r) array
-        p >= 0 of the limits.
+    state, velocity : (S, n) arrays
+        y at the stored instants, and in runs with damping (y_n - y_{n-1}) / k_n; else `velocity` is None.
+    multipliers, pressures : (S, m, block) and (S, r) arrays
+        lam and p with K y = load - B'lam - D'p, |lam_i| <= w_i and p >= 0.
     weights : (S, m) array
-        w of the norm terms.
+        w of the norm terms. Dragged terms are last in all arrays (:class:`vemcvx.program.system.DraggedTerms`).
     sticking : (S, m) array of bool
         True if the certificate cannot distinguish the slip of the step from zero; True for the initial state.
-    worn : (S, m) array
-        Work of each norm term: the sum of lam_i . s_i over all steps so far. Dragged terms are last in all arrays
-        (:class:`vemcvx.program.system.DraggedTerms`).
+    worn, worn_second_order : (S, m) arrays
+        Work of each norm term: the sum of lam_i . s_i over all steps so far, and the same by the trapezoidal rule.
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
-    energy : (N + 1,) array
-        Stored energy: 1/2 a(u, u), and c p^2 / 2 of each soft limit.
-    dissipated : (N + 1,) array
-        Dissipated energy so far: the sum of lam_i . s_i and of losses by damping.
-    dissipated_second_order : (N + 1,) array
-        Dissipated energy by the trapezoidal rule, of second order in the length of steps.
-    worn_second_order : (S, m) array
-        Work of each norm term by the trapezoidal rule.
+    energy, norm : (N + 1,) arrays
+        Stored energy, 1/2 a(u, u) plus c p^2 / 2 of each soft limit, and the energy norm |u_n|_a.
+    dissipated, dissipated_second_order : (N + 1,) arrays
+        Dissipated energy so far: the sum of lam_i . s_i and of losses by damping, and by the trapezoidal rule.
     work : (N + 1,) array
         Work of loads, supports, obstacles and ground: end-of-step forces times increments, summed.
-    norm : (N + 1,) array
-        Energy norm |u_n|_a.
-    gap : (N + 1,) array
-        Certified duality gap of each step.
-    floor : (N + 1,) array
-        Energy by which rounding may change `gap`.
+    gap, floor : (N + 1,) arrays
+        Certified duality gap of each step, and the energy by which rounding may change it.
     iterations : (N + 1,) array of int
         Iterations of the solver.
     given_friction : (N + 1,) array of bool
@@ -139,16 +128,12 @@ class Trajectory(ArrayRecord):
         zero at the requested accuracy.
     seconds : dict
         Time of "prepare" and "solve" (all steps).
-    solver : str
-        Name and settings of the solver.
-    linear : str
-        Name and settings of the linear solver.
+    solver, linear : str
+        Name and settings of the solver and of the linear solver.
     accuracy : float
         Requested relative energy error of a step.
     initial : (n,) array
         y at the initial instant, stored or not.
-    velocity : (S, n) array or None
-        (y_n - y_{n-1}) / k_n in runs with damping; zero for the initial state.
     work_begun : float
         `work_second_order` at the initial instant: zero, or the work of the run that this run continues.
 

@@ -58,7 +58,7 @@ def test_settings_are_combined_and_brackets_are_single_values(pad):
 @pytest.mark.long
 def test_a_study_writes_a_table_and_the_files_of_each_run(pad, tmp_path):
     words = ("--set", "friction=.1,.3", "--set", "kind=hard,soft", "--results", "slip,pressure,sticking")
-    code, printed = run(pad, *words, "--out", "study", "--plot")
+    code, printed = run(pad, *words, "--out", "study")
     assert code == 0, printed
     rows = list(csv.DictReader((tmp_path / "study" / "study.csv").read_text().splitlines()))
     assert [(row["set.friction"], row["set.kind"], row["status"]) for row in rows] == [
@@ -78,8 +78,6 @@ def test_a_study_writes_a_table_and_the_files_of_each_run(pad, tmp_path):
         assert words["pressure"] == float(row["pressure"]) == history.contact.pressure.max()
         numbers = " +".join(f"{float(row[name]):.5g}" for name in ("slip", "pressure", "sticking"))
         assert re.search(rf"{re.escape(row['set.friction'])} +{row['set.kind']} +{numbers}", printed), printed
-    assert (tmp_path / "study" / "study.png").stat().st_size > 10_000
-    assert not list((tmp_path / "study" / "friction=.1,kind=hard").glob("*.png"))
 
 
 @pytest.mark.long
@@ -91,11 +89,10 @@ def test_a_refused_run_has_a_row_in_the_table(pad, tmp_path):
     assert re.search(r"^refused +friction=-1: CoulombFriction on bottom: ", printed, re.MULTILINE), printed
     done, refused = json.loads((tmp_path / "study" / "study.json").read_text())
     assert (done["status"], refused["status"], refused["folder"]) == ("done", "refused", None)
-    # A problem file that ends its process is refused as well; if all runs fail, there is no picture.
-    code, printed = run(pad, "--set", "kind=gone,rock", "--out", "other", "--plot")
+    # A problem file that ends its process is refused as well.
+    code, printed = run(pad, "--set", "kind=gone,rock", "--out", "other")
     assert code == 2
     assert re.search(r"^ *gone .* refused *$", printed, re.MULTILINE), printed
-    assert not (tmp_path / "other" / "study.png").exists()
 
 
 @pytest.mark.long
@@ -137,21 +134,6 @@ def test_remarks_name_the_runs_with_failures_warnings_and_unbounded_extremes():
     table = study.table(rows, ["slip"], {}).text().splitlines()
     assert "error" in table[1]
     assert [line.endswith("target not met") for line in table[-2:]] == [False, True]
-
-
-def test_the_picture_has_a_line_for_each_value_of_the_second_parameter():
-    pytest.importorskip("matplotlib")
-    rows = [
-        {"set.a": a, "set.b": b, "set.c": "1", "status": "done", "slip": float(a) * k}
-        for a in ("2", "1", "10")
-        for k, b in enumerate(("x", "y"))
-    ]
-    failed = {"set.a": "3", "set.b": "x", "set.c": "1", "status": "refused", "message": "no"}
-    (ax,) = study.picture([*rows, failed], ["slip"], {"slip": "largest slip"}, "title").axes
-    assert [line.get_label() for line in ax.lines] == ["b = x", "b = y"]
-    assert ax.lines[1].get_xydata().tolist() == [[1.0, 1.0], [2.0, 2.0], [10.0, 10.0]]
-    assert np.isnan(ax.lines[0].get_ydata()[2])
-    assert ax.get_xlabel() == "a"
 
 
 def test_a_mesh_file_has_several_bodies_if_the_scene_names_its_parts(tmp_path):

@@ -122,16 +122,12 @@ class Run:
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         """Run all combinations, each in its own process and folder, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
-        if self.resume is not None or (self.out is None and (self.plot or self.report)):
-            raise ProblemError("--set: several runs cannot be resumed; --plot and --report of them need --out DIR.")
-        if self.plot:
-            new_figure()
+        if self.resume is not None or self.plot or (self.out is None and self.report):
+            raise ProblemError("--set: several runs take no --resume and no --plot; --report needs --out DIR.")
         if self.out:
             study.reserve_files(self.out)
         folders = [self.out and self.out / name for name in study.folder_names(several)]
-        runs = [
-            replace(self, settings=list(each), out=out, plot=False) for each, out in zip(several, folders, strict=True)
-        ]
+        runs = [replace(self, settings=list(each), out=out) for each, out in zip(several, folders, strict=True)]
         rows, words = list[Row](), dict[str, str]()
         with progress_bar("runs") as show, ThreadPool(self.workers) as threads:
             for row, own in threads.imap(_attempt, runs):
@@ -139,10 +135,9 @@ class Run:
                 words |= own
                 show("runs", len(rows), len(runs))
         title = f"{problem.name}: {problem.title}"
-        figure = study.picture(rows, chosen, words, title) if self.plot and study.find_results(rows, chosen) else None
         lines = [title, study.table(rows, chosen, words if problem.units else {}).text(), *study.remarks(rows)]
         if self.out:
-            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, folders of runs")
+            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out))}, folders of runs")
         say("\n".join(lines))
         if failed := {row["status"] for row in rows} - {DONE}:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)

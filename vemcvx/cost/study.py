@@ -1,29 +1,20 @@
-"""A parameter study: one problem run with all combinations of settings, as a table, as files and as a picture."""
+"""A parameter study: one problem run with all combinations of settings, as a table and as files."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from vemcvx.base.canvas import as_png, light_grid, new_figure
 from vemcvx.base.errors import ProblemError
 from vemcvx.base.owned_files import Owned
 from vemcvx.base.table import Table
 from vemcvx.cost.rows import NAMES, Row, csv
 from vemcvx.cost.workers import DONE
-from vemcvx.plots.style import MARKERS, SERIES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure", "reaction"
-TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
+TABLE, WORDS = "study.csv", "study.json"
 SET = "set."  # Prefix of settings in rows: a parameter may have the same name as a key figure.
 
 
@@ -81,44 +72,12 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
 def reserve_files(folder: Path) -> None:
     """Fail before the work starts if the files cannot be written."""
     with Owned(folder) as own:
-        for name in (TABLE, WORDS, PICTURE):
+        for name in (TABLE, WORDS):
             own.take(name)
 
 
-def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
-    """Write all settings and results as CSV and JSON, and the picture; return the names of the files."""
+def write(rows: Sequence[Row], folder: Path) -> list[str]:
+    """Write all settings and results as CSV and JSON; return the names of the files."""
     plain = [{name: value for name, value in row.items() if name != "warnings"} for row in rows]
     with Owned(folder) as own:
-        names = [own.write(TABLE, csv(plain)), own.write(WORDS, f"{json.dumps(rows, indent=2)}\n")]
-        return names if figure is None else [*names, own.write(PICTURE, as_png(figure, 160))]
-
-
-def picture(rows: Sequence[Row], chosen: Sequence[str], labels: dict[str, str], title: str = "") -> Figure:
-    """Draw the chosen results over the first varying setting, one line per combination of the other settings."""
-    name, *others = varying(rows)
-    keys = find_results(rows, chosen)
-    place: dict[str, Any] = {row[SET + name]: row[SET + name] for row in rows}
-    with suppress(ValueError):  # Values that are words stay words; matplotlib places them side by side.
-        place = {word: float(word) for word in place}
-    lines: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda row: place[row[SET + name]]):
-        lines.setdefault(", ".join(f"{other} = {row[SET + other]}" for other in others), []).append(row)
-    columns = min(3, len(keys))
-    height = -(-len(keys) // columns)
-    figure = new_figure(1.0 + 3.6 * columns, 0.8 + 2.9 * height)
-    panels = figure.subplots(height, columns, squeeze=False).ravel()
-    for ax, key in zip(panels, keys, strict=False):
-        for k, (kind, own) in enumerate(lines.items()):
-            y = np.array([row.get(key) for row in own], float)
-            style: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "color": SERIES[k % len(SERIES)]}
-            ax.plot([place[row[SET + name]] for row in own], y, label=kind, **style)
-        limitless = any(key in row.get("unbounded", "") for row in rows)
-        ax.set(xlabel=name, title=labels[key] + "\nmay grow without limit as the mesh is refined" * limitless)
-        ax.title.set_fontsize("small")
-        light_grid(ax)
-    for ax in panels[len(keys) :]:
-        ax.set_axis_off()
-    if others:
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(title, fontsize="medium")
-    return figure
+        return [own.write(TABLE, csv(plain)), own.write(WORDS, f"{json.dumps(rows, indent=2)}\n")]

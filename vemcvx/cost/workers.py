@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -17,44 +17,28 @@ from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
 """Status of a run: answered; answered, but outside the accuracy; refused, because the problem is invalid; crashed."""
-Result = TypeVar("Result")
-
-
-class Crashed(Exception):
-    """The process died, exceeded its time limit, or raised an error of another package."""
-
-
-def call_in_process(function: Callable[..., Result], *given: Any, seconds: float | None = None) -> Result:
-    """Return the result of a module-level function, called in a new process; raise its VemcvxError, or Crashed."""
-    context = get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
-    process.start()
-    sender.close()
-    try:
-        if not receiver.poll(seconds):
-            raise Crashed(f"its process was stopped after {seconds:g} s")
-        result, error = receiver.recv()
-    except EOFError:
-        process.join()
-        raise Crashed(_describe_end(process.exitcode or 0)) from None
-    finally:
-        process.kill()
-        process.join()
-        receiver.close()
-    if error is not None:
-        raise error
-    return result
 
 
 def call_safely(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
-    """Call a function in a new process; return DONE and its result, or another status and its reason."""
+    """Call a module-level function in a new process; return DONE and its result, or another status and its reason."""
+    context = get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
     try:
-        return DONE, call_in_process(function, *given)
-    except VemcvxError as error:
-        return NOT_CERTIFIED if isinstance(error, NotCertified) else REFUSED, str(error)
-    except (Crashed, OSError) as crash:
-        return CRASHED, str(crash)
+        process.start()
+        sender.close()
+        answer: tuple[str, Any] = receiver.recv()
+    except EOFError:
+        process.join()
+        return CRASHED, _describe_end(process.exitcode or 0)
+    except OSError as error:
+        return CRASHED, str(error)
+    finally:
+        if process.pid is not None:
+            process.kill()
+            process.join()
+        receiver.close()
+    return answer
 
 
 def use_one_thread() -> None:
@@ -66,20 +50,18 @@ def use_one_thread() -> None:
 
 
 def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, ...]) -> None:
-    """Call the function in the new process, and send its result, or the error that it raises."""
+    """Call the function in the new process, and send the status and the result, or the reason of a failure."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process handles Ctrl-C.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
-    answer: tuple[Any, Exception | None]
     try:
         # The messages and progress bars of parallel runs would overwrite each other.
         with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
-            answer = function(*given), None
+            answer = DONE, function(*given)
     except VemcvxError as error:
-        # The parent process cannot unpickle error classes that a user's file defines.
-        answer = None, error if type(error).__module__ == VemcvxError.__module__ else VemcvxError(str(error))
+        answer = NOT_CERTIFIED if isinstance(error, NotCertified) else REFUSED, str(error)
     except Exception as error:
-        answer = None, Crashed(f"{type(error).__name__}: {error}")
+        answer = CRASHED, f"{type(error).__name__}: {error}"
     sender.send(answer)
 
 

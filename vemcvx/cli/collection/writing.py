@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,7 +37,7 @@ from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
 VERSION = 5  # Version of the list below: a new number whenever an instance changes, even if no name changes.
-MANIFEST, OPTIMA, SCRIPT, SUMS = "manifest.json", "optima.csv", "confirm.py", "SHA256SUMS.txt"
+MANIFEST, OPTIMA, SCRIPT = "manifest.json", "optima.csv", "confirm.py"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
 """Files in this folder that are copied into a collection, with its version numbers filled in."""
 ACCURACY = 1e-14  # The requested accuracy of optima, smaller than rounding errors.
@@ -213,19 +212,14 @@ def write_collection(
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
     """Make every instance, write its files, a manifest and the script, and return a summary in words."""
-    rows, sums = list[dict[str, Any]](), dict[str, str]()
+    rows = list[dict[str, Any]]()
     with Owned(folder) as files:
-
-        def write(name: str, content: bytes) -> None:
-            sums[files.write(name, content)] = sha256(content).hexdigest()
-
         for done, (instance, solved) in enumerate(_make_programs(instances)):
             progress(instance.name, done, len(instances))
             data = _encode(instance, solved)
             for end, content in data.items():
-                write(f"{instance.name}{end}", content)
-            row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)}
-            row |= {"sha256": sums[f"{instance.name}.npz"], **json.loads(data[".json"])}
+                files.write(f"{instance.name}{end}", content)
+            row = {"name": instance.name, "core": instance.name in CORE, **asdict(instance)} | json.loads(data[".json"])
             if optimum := row.get("optimum"):
                 error = optimum["energy_error"] + (2 * optimum["rounding_floor"]) ** 0.5
                 row["certified"] = error / (optimum["energy_norm"] or 1.0)
@@ -233,10 +227,9 @@ def write_collection(
         about = {"version": VERSION, "vemcvx": __version__}
         for name in (*TEXTS, SCRIPT):
             text = Path(__file__).with_name(name).read_text(encoding="utf-8")
-            write(name, (text.format(**about) if name in TEXTS else text).encode())
-        write(MANIFEST, in_json({"collection": VERSION, "vemcvx": __version__, "instances": rows}))
-        write(OPTIMA, optima(rows).csv().encode())
-        files.write(SUMS, "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items())))
+            files.write(name, text.format(**about) if name in TEXTS else text)
+        files.write(MANIFEST, in_json({"collection": VERSION, "vemcvx": __version__, "instances": rows}))
+        files.write(OPTIMA, optima(rows).csv())
     sizes = [row["unknowns"] for row in rows]
     return (
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"

@@ -46,28 +46,10 @@ class History(Results, Outlined):
     forces : (S, n_nodes, dim)
         Nodal forces of supports, contact and friction on the body (:mod:`vemcvx.results.forces`).
     contact : Contact
-    acting : BoundaryForces
-        The forces of each effect on the nodes of its boundaries.
-    moduli : (2, n_cells), (6, n_cells), in space (21, n_cells), or in a body of revolution (10, n_cells)
-        Lame's lambda (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row.
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
-    seconds : dict
-        The times of "assemble", "prepare" and "solve" in seconds.
-    prestress : (S, n_cells, 3, 4 or 6) or None
-        Stresses at zero strain, caused by eigenstrains and prestress.
-    out_of_plane : (n_cells, 3) or None
-        Stresses zz for unit strains e_xx, e_yy, 2 e_xy; None in space, or if a material does not give zz.
-    out_of_plane_prestress : (S, n_cells) or None
-        The part of the stress zz that eigenstrains cause.
-    inactive : tuple of str
-        A sentence for each effect without influence on this run, and on the mean motion if nothing holds the body.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
-    sides : Sides or None
-        The conditions on the boundary, from which `extremes` finds corners and point loads.
-    growth : dict of str to str, or None
-        Extremes that grew on the last meshes of an adaptive run: key of the extreme -> sentence.
     bound : dict or None
         With ``simulate(..., bound=True)``: bounds "upper" and "lower" on the mesh error in the energy norm, of the step
         with the largest upper bound, "step", given the step before (:func:`vemcvx.error_bound`). "relative" is "upper"
@@ -78,10 +60,6 @@ class History(Results, Outlined):
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
         With `bound`: bounds on the force of a support that moves a boundary; NaN if unknown.
-    bounded_force : dict or None
-        The boundary and the axis of `force_bounds`, such as {"top": 0}.
-    stabilisation : vx.Stabilisation or None
-        The stabilisation S_K of the discrete energy a^h; None after reading files if the user defined its class.
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}.
     begins : {"given", "equilibrium", "settled", "projected", "continued"}

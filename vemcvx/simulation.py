@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +56,7 @@ def simulate(
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
-    progress: bool | Callable[[int, int], None] = False,
+    progress: Literal[False] | Callable[[int, int], None] = False,
     stream: str | Path | Folder | None = None,
     resume: bool = False,
     bound: bool = False,
@@ -85,8 +86,8 @@ def simulate(
         True: eliminate unknowns with neither friction nor contact, unless Viscosity or a dashpot acts. False: keep all.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
-    progress : bool, or callable (step, steps)
-        True logs every tenth of the run to the logger "vemcvx".
+    progress : callable (step, steps), or False
+        Called after each step.
     stream : path, optional
         A folder for the stored steps: for histories larger than memory, and runs that may be interrupted.
     resume : bool
@@ -132,7 +133,7 @@ def simulate(
             check=check,
             condense=condense,
             linear=linear,
-            progress=_log if progress is True else progress or None,
+            progress=progress or None,
             storage=storage,
         )
         results = record(posed, trajectory, assembled, storage)
@@ -265,11 +266,6 @@ def check_kinds(scene: object, mesh: object) -> None:
     """Raise SceneError unless these are a scene and a mesh, in this order."""
     if not isinstance(scene, Scene) or not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
         raise SceneError(f"simulate: found {brief(scene)} and {brief(mesh)}; wanted a Scene, then a mesh.")
-
-
-def _log(step: int, steps: int) -> None:
-    if step * 10 // steps > (step - 1) * 10 // steps:
-        log.info("step %d of %d", step, steps)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.cost import Cost
 from vemcvx.cli.problem_file import Posed, read_problem
-from vemcvx.cost.sweeping import Point, build_reference, common_instants, measure_point, run_to_row
+from vemcvx.cost.sweeping import Point, common_instants, measure_point, run_to_row
 from vemcvx.cost.table import advice, front, growing_extremes, picture, table
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.files import read_archive
@@ -108,8 +108,6 @@ def pose(point):
     if point.solver == "raises":
         raise ArithmeticError("no such number")
     scene = paper_scene().without(vx.Elasticity) if point.solver == "ill-posed" else paper_scene()
-    if point.solver == "two materials":
-        scene = scene.without(vx.Elasticity).with_(vx.Elasticity(lambda x: np.where(x[:, 0] < 0.5, 100.0, 200.0), 0.3))
     return Posed(scene, small("squares", point.n), np.linspace(0, 1, (point.steps or 2) + 1), vx.Newton(1e-8))
 
 
@@ -222,12 +220,3 @@ def test_errors_are_compared_at_common_instants():
     assert common_instants([courses[2], courses[3]]).tolist() == [3.0]
     with pytest.raises(vx.ProblemError, match=r"times\(4\) runs from 0 to 3 and times\(5\) runs from 0 to 2"):
         common_instants([courses[4], np.linspace(0.0, 2.0, 6)])
-
-
-@pytest.mark.long
-def test_cells_across_the_border_of_two_materials_are_named(tmp_path):
-    """With three columns of squares, the middle column lies across the border; with four columns, none does."""
-    instants, archive, two = np.array([1.0]), tmp_path / "reference.npz", replace(UNIFORM, solver="two materials")
-    build_reference(pose, replace(two, n=8), instants, archive)
-    said = [measure_point(pose, replace(two, n=n), instants, archive)["message"] for n in (3, 4)]
-    assert said == ["cells at a border have another material than the reference: errors use the run's material", ""]

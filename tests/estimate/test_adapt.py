@@ -41,7 +41,7 @@ def test_true_errors_meet_targets_in_nine_of_ten_scenes(seeds, least):
 
 @pytest.mark.long
 def test_passes_grow_and_the_last_one_is_the_result(tmp_path):
-    """The accuracy of the solver is adapted to the target, and files contain the three parts of the error."""
+    """Files contain the three parts of the error."""
     passes = []
     found = vx.adapt(
         paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1, solver=vx.Clarabel(accuracy=1e-6), progress=passes.append
@@ -55,8 +55,6 @@ def test_passes_grow_and_the_last_one_is_the_result(tmp_path):
     assert last.total <= 0.1
     assert "target 10.00% of the energy norm: met" in found.summary()
     assert "estimated" in history.summary()
-    assert "accuracy=0.001" in history.solver
-    assert history.certificate.max() <= 1e-3
     history.write(tmp_path)
     kept = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
     assert set(kept) == {"algebra", "space", "time", "total", "target"}

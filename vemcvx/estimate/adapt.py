@@ -31,7 +31,7 @@ from vemcvx.meshes.bisection import check_tetrahedra
 from vemcvx.results import SINGULAR, growth, largest_values, record, warn_of_large_strains
 from vemcvx.scene import PosedScene, Scene, pose_scene
 from vemcvx.simulation import Projected, begins, check_kinds, free_unknowns
-from vemcvx.solvers import Solver, Solves, as_solver
+from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state, march, prepare
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
@@ -39,8 +39,6 @@ GAIN = 0.75
 """Fraction of the squared indicator that a split removes from a cell in which the solution is smooth."""
 MARGIN = 0.9
 """Fraction of the target at which a pass aims, to save a further pass."""
-SOLVER_FRACTION = 0.01
-"""Accuracy of the solver as a fraction of the target; mesh errors are far larger."""
 TIME_FRACTION = 0.3
 """Allowed time error as a fraction of the target."""
 THETA = 0.6
@@ -169,7 +167,7 @@ def adapt(
         Allowed relative error in the energy norm. It is estimated at up to eight given instants, and at up to eight
         instants at which data bend, turn or jump (:func:`vemcvx.error_budget`).
     solver : Solver, or object with solve(program, target), optional
-        An accuracy finer than a hundredth of the target is replaced by a hundredth of the target.
+        As for :func:`vemcvx.simulate`; an accuracy of a hundredth of the target suffices.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
@@ -215,7 +213,7 @@ def adapt(
     wanted = check_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give at least the first and the last, such as [0, 1].")
-    aim = _Aim(target, initial, wanted, solver=_relax(solver, target))
+    aim = _Aim(target, initial, wanted, solver=solver)
     passes, start = list[Pass](), time.perf_counter()
     aim, instants = _begin(scene, mesh, aim)
     while True:
@@ -249,7 +247,7 @@ class _Aim:
     initial: str | Projected | None
     wanted: Floats
     """given instants"""
-    solver: Solver | None
+    solver: Solver | Solves | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
     """instants between the given ones at which data bend, turn or jump"""
 
@@ -370,12 +368,3 @@ def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
         if len(split) == len(times) or len(split) > MOST_STEPS:
             return aim, times
         times = split
-
-
-def _relax(given: Solver | Solves | None, target: float) -> Solver | None:
-    """Return the solver with an accuracy not finer than needed for the target."""
-    if given is None:
-        return None
-    solver = as_solver(given)
-    solver.check_accuracy()
-    return solver.with_accuracy(max(solver.accuracy, SOLVER_FRACTION * target))

@@ -63,14 +63,10 @@ class ErrorBudget(Outlined):
         "pressure". space^2 is the sum of their squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
-    jumps : tuple of str
-        A sentence for each instant at which data jump.
     scale : float
         The largest energy norm of the run, in units of sqrt(force * length), to which all errors are relative. It
         includes the energy of springs (ElasticFoundation). Measured errors (:class:`.measures.Measured`) are relative
         to the strain norm of the reference at one instant.
-    history : History
-        The run.
 
     Examples
     --------
@@ -88,7 +84,7 @@ class ErrorBudget(Outlined):
     time: Floats
     parts: dict[str, Floats]
     cells: Floats
-    jumps: tuple[str, ...]
+    jumps: tuple[str, ...]  # a sentence for each instant at which data jump
     scale: float
     history: History
 

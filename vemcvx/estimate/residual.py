@@ -11,31 +11,21 @@
               + |(C - C_K) eps(Pi u) + sigma_0 - sigma_0K|^2_K in C^{-1}
 
 with sigma = C eps(Pi u) + sigma_0, the projection Pi u to linear displacements in each cell, the shear modulus mu, the
-traction t of loads, contact and springs, and the modulus E of a bar along the edge. In the plane, s = 1 and q = 0; for
-d_e, h_K, l_e, and s and q in space, see below. Boundary residuals count in directions that supports leave free, on both
-bodies of an interface (:mod:`vemcvx.bound.skeleton`). The factor 1/9 is from the Poincare inequality on a cell; c is
-CONSTANT or, in space, IN_SPACE. The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element
-Methods* (2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
+traction t of loads, contact and springs, and the modulus E of a bar along the edge (docs/theory/error_estimates.md).
+Boundary residuals count in directions that supports leave free, on both bodies of an interface. c is CONSTANT or, in
+space, IN_SPACE. The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods*
+(2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
 
-The lengths d_e are widths of cells *across* the side. A residual at e is tested with w = v - v_I, the interpolation
-error of a displacement v. Let T be a triangle on e with apex a and height d. The divergence of (x - a) w^2 in T gives
+- d_e is the mean width of both cells *across* the side. Let T be a triangle on e with apex a and height d, and w the
+  interpolation error of a test function. The divergence of (x - a) w^2 in T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-In the estimate, d is replaced by d_e, the mean width of both cells along n_e. h_K is the longest side of a box that has
-the same second moments as the cell.
-
-l_e is the width of the cell along the edge, so that |K| / l_e is its cross-section. The sum over parallel edges is the
-energy of a bar with the modulus E and a strain that is linear between these edges: on a rectangle, eps_ss(u) -
-eps_ss(Pi u) causes no jumps.
-
-In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices. The pressure q is constant in
-cells, and minimises the sum of the squares that contain q; any q is admissible.
-
-The contact force of a node is distributed over its sides e in proportion to int_e phi_i. t_e is the mean of the
-traction t over a side; f_K, C_K and sigma_0K are values of a cell. The integral of a square over a cell is |K| / 3
-times its mean over the vertices. In the plane, t is evaluated on pieces of edges, and friction bounds and gaps that are
-not linear between nodes count like errors of t and as in :mod:`vemcvx.bound.reading`. Other data count as linear.
+- h_K is the longest side of a box with the second moments of the cell, l_e the width of the cell along the edge.
+- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices;
+  the pressure q is constant in cells, and minimises the sum of the squares that contain q.
+- t_e is the mean of t over a side; f_K, C_K and sigma_0K are values of a cell. In the plane, friction bounds and gaps
+  that are not linear between nodes count like errors of t (:mod:`vemcvx.bound.reading`).
 """
 
 from __future__ import annotations

@@ -45,10 +45,8 @@ class Contact(ArrayRecord):
         Node numbers.
     partners : (m,) int
         The nodes of the other body at the same places; -1 for contact with an obstacle.
-    points : (m, dim)
-        Coordinates.
-    normals : (m, dim)
-        Outward unit normals, averaged by length at corners.
+    points, normals : (m, dim)
+        Coordinates, and outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
         Tangential displacement relative to the partner, or to the ground if it moves.
     traction : (S, m, dim)
@@ -65,17 +63,13 @@ class Contact(ArrayRecord):
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
         Friction work since the initial instant per length with friction; in all, it is ``wear @ friction_lengths``.
-    wear_second_order : (S, m)
-        `wear` to second order in the step, from the mean of the friction bounds at both ends of every step.
     accumulated_slip : (S, m)
         Length of the slip path, to and fro, since the initial instant; where several frictions meet, the largest.
         If the bound depends on direction, slip across is multiplied by the ratio of the bounds across and along.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
-    lengths : (m,)
-        int phi_i over the edges of contact; at a corner, both sides count.
-    friction_lengths : (m,)
-        int phi_i over the edges with friction.
+    lengths, friction_lengths : (m,)
+        int phi_i over the edges of contact, and over the edges with friction; at a corner, both sides count.
 
     Examples
     --------
@@ -98,7 +92,7 @@ class Contact(ArrayRecord):
     pressure_recovered: Annotated[Floats, "S m", "force/length"]
     sticking: Annotated[Bools, "S m", ""]
     wear: Annotated[Floats, "S m", "energy/length"]
-    wear_second_order: Annotated[Floats, "S m", "energy/length"]
+    wear_second_order: Annotated[Floats, "S m", "energy/length"]  # `wear` to second order in the step
     accumulated_slip: Annotated[Floats, "S m", "length"]
     closed: Annotated[Bools, "S m", ""]
     lengths: Annotated[Floats, "m", "length"]

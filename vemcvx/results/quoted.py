@@ -12,32 +12,17 @@ from vemcvx.base.arrays import Floats
 
 @dataclass(frozen=True)
 class Extreme:
-    """An extreme value of a field over all stored steps.
+    """An extreme value of a field over all stored steps."""
 
-    Attributes
-    ----------
-    key : str
-        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction",
-        "pressure" or "pressure_recovered".
-    name : str
-        The key in words, such as "largest von Mises stress".
-    value : float
-    unit : str
-        In words, such as "force/length²".
-    place, time, step : (dim,) array, float, int
-        The node or the centroid of the cell, the instant, and the step where the value was reached first.
-    unbounded : str
-        Why the value may grow as the mesh is refined (:mod:`vemcvx.results.corners`); empty if no reason is known.
-    """
-
-    key: str
-    name: str
+    key: str  # "displacement", "von_mises", "largest_principal_stress", ..., "slip", "friction", "pressure_recovered"
+    name: str  # the key in words, such as "largest von Mises stress"
     value: float
-    unit: str
-    place: Floats
+    unit: str  # in words, such as "force/length²"
+    place: Floats  # the node, or the centroid of the cell
     time: float
-    step: int
+    step: int  # the first step at which the value is reached
     unbounded: str = ""
+    """Why the value may grow as the mesh is refined (:mod:`vemcvx.results.corners`); empty if no reason is known."""
 
 
 ON_CONTACT = "friction", "pressure", "pressure_recovered"  # Keys of the extremes of forces at contact nodes.

@@ -45,23 +45,25 @@ class Results(ActingForces):
     displacement: Annotated[Floats, "S nodes dim", "length"]
     forces: Annotated[Floats, "S nodes dim", "force"]
     contact: Contact
-    acting: BoundaryForces
+    acting: BoundaryForces  # the forces of each effect on the nodes of its boundaries
+    # Lame's lambda (reduced in plane stress) and mu, or the upper triangle of the elastic matrix, row by row.
     moduli: Annotated[Floats, "constants cells", "force/area"]
     trajectory: Trajectory
-    seconds: dict[str, float]
+    seconds: dict[str, float]  # "assemble", "prepare" and "solve"
+    # Stresses at zero strain; stresses zz for unit strains e_xx, e_yy, 2 e_xy; stresses zz due to eigenstrains.
     prestress: Annotated[Floats | None, "S cells components", "force/area"] = None
     out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None
     out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None
-    inactive: tuple[str, ...] = ()
+    inactive: tuple[str, ...] = ()  # a sentence for each effect without influence on this run
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
-    growth: dict[str, str] | None = None
+    growth: dict[str, str] | None = None  # extremes that grew on the last meshes of an adaptive run
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
-    bounded_force: dict[str, int] | None = None
-    stabilisation: Stabilisation | None = None
+    bounded_force: dict[str, int] | None = None  # boundary and axis of `force_bounds`, such as {"top": 0}
+    stabilisation: Stabilisation | None = None  # None after reading files if the user defined its class
     units: dict[str, str] | None = None
 
     @property

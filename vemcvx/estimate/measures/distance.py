@@ -25,14 +25,12 @@ because xi eta is harmonic, and linear on the sides. On other cells, only Pi u i
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from vemcvx.base.arrays import (
-    ROUNDING,
     SAME,
     Bools,
     Floats,
@@ -53,7 +51,7 @@ from vemcvx.vem import CellGroup, Space, Stabilisation, strains
 from vemcvx.vem.elasticity import cell_energies, softest_shear
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.stabilisation import stabilisation_of
-from vemcvx.vem.tensors import elastic_matrix, stresses, upper_triangle
+from vemcvx.vem.tensors import elastic_matrix, stresses
 
 
 def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: Floats) -> Floats:
@@ -199,9 +197,6 @@ class Measured:
         The same norm of the reference.
     cells : (n_cells,) array
         The norm on each cell of the first mesh: absolute^2 = sum of cells^2.
-    moduli_apart : float
-        Largest relative difference between the elastic moduli of the two meshes at the same point; the norm uses the
-        moduli of the first mesh.
 
     Examples
     --------
@@ -212,7 +207,6 @@ class Measured:
     absolute: float
     reference: float
     cells: Floats
-    moduli_apart: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -225,10 +219,10 @@ class Measured:
         return self.absolute / self.reference
 
 
-def make_measure(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Measured:
+def make_measure(squares: Floats, reference: float) -> Measured:
     """Return the measure, given the squared norms of the difference on cells and of the whole reference."""
     cells = np.sqrt(np.maximum(squares, 0.0))
-    return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells, moduli_apart)
+    return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +307,7 @@ def energy_distance(
     Returns
     -------
     Measured
-        The norm uses the moduli of `run`; `moduli_apart` is the difference from the moduli of `reference`.
+        The norm uses the moduli of `run`.
 
     Raises
     ------
@@ -349,21 +343,7 @@ def energy_distance(
     there = evaluate_strain(v, kind, f"{subject} (second mesh)", rule.second, rule.points)
     apart, C = mine - there, u.moduli[:, rule.first]
     squares, norm = (rule.weights * np.sum(strain * stresses(C, strain), axis=1) for strain in (apart, there))
-    return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _compare_moduli(rule, u, v))
-
-
-def _compare_moduli(rule: CommonRule, u: Field, v: Field) -> float:
-    """Return the largest relative difference of elastic matrices at the same point."""
-    mine, other = (upper_triangle(elastic_matrix(field.moduli, field.space.dim)) for field in (u, v))
-    difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
-    apart = float((difference / np.abs(mine).max(axis=0)[rule.first]).max())
-    # Equal constants evaluated at the centroids of different cells agree up to rounding.
-    if apart <= ROUNDING:
-        return 0.0
-    logging.getLogger("vemcvx").warning(
-        "energy_distance: the moduli of the two meshes differ by up to %.3g; those of the first are used", apart
-    )
-    return apart
+    return make_measure(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()))
 
 
 def _nodal(u: Field, v: Field) -> Measured:

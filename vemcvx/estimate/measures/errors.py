@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,25 +32,13 @@ from vemcvx.vem.tensors import stresses
 # Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
 
 
-@dataclass(frozen=True, eq=False)
-class Orders:
-    """The observed orders of convergence of m runs.
-
-    Attributes
-    ----------
-    successive : (m - 1,) array
-        Orders between each run and the next.
-    slope : float
-        Slope of the least-squares line through (log h, log e).
-
-    Examples
-    --------
-    >>> round(vx.measures.orders([0.2, 0.1], [0.4, 0.1]).slope, 9)
-    2.0
-    """
+class Orders(NamedTuple):
+    """The observed orders of convergence of m runs."""
 
     successive: Floats
+    """(m - 1,) orders between each run and the next"""
     slope: float
+    """slope of the least-squares line through (log h, log e)"""
 
 
 def orders(h: ArrayLike, errors: ArrayLike) -> Orders:

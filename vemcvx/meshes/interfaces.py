@@ -33,11 +33,10 @@ class Interface:
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Edges of the first body, with the body on their left. In space (k, n) rows of the vertices of its faces,
-        counter-clockwise seen from outside; shorter rows are padded with -1.
+        Edges of the first body, with the body on their left. In space (k, n) vertices of its faces, counter-clockwise
+        seen from outside; shorter rows are padded with -1.
     partners : (k, 2) int
-        The nodes of the second body that coincide with the nodes in `edges`, entry by entry. So the edges of the second
-        body are ``partners[:, ::-1]``. In space (k, n) rows of nodes, padded like `edges`.
+        The nodes of the second body that coincide with the nodes in `edges`, entry by entry.
 
     Examples
     --------
@@ -99,10 +98,7 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return two arrays (k, n): the nodes of coinciding edges or faces in the earlier and in the later body.
-
-    `outlines` are the offsets and vertices of the boundary. For each node, `place` is the first coinciding node.
-    """
+    """Return two arrays (k, n): the nodes of coinciding edges or faces in the earlier and in the later body."""
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))

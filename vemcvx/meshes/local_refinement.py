@@ -103,10 +103,7 @@ def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
 
 
 def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
-    """Return the vertices and the edges at the midpoints of long sides, as positions in the lengths of edges.
-
-    `first` are the positions at which sides begin, and `long` marks long sides.
-    """
+    """Return the vertices and the edges at the midpoints of long sides; sides begin at the positions `first`."""
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
     end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits
@@ -161,11 +158,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return the centre (c, 2) and radius (c,) of the largest ball about which each cell is star-shaped.
-
-    A cell is star-shaped about points on the inner side of all its edges. So the radius is the largest r for which some
-    centre x obeys n . x + r <= away for all edges with the outward normals n. It is negative if there is no such point.
-    """
+    """Return, for each cell, a centre x (2,) and the largest r such that n . x + r <= away for all normals n."""
     from scipy.optimize import linprog
 
     count = len(offsets) - 1

@@ -152,9 +152,8 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer, with the data of the polygons. The faces above a boundary or interface have
-            its name, but "bottom" becomes "front" and "top" becomes "back": in space "bottom" and "top" are the lowest
-            and highest polygons.
+            Nodes and cells layer by layer. The faces above a boundary or interface have its name, but "bottom" becomes
+            "front" and "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
 
         Raises
         ------
@@ -187,8 +186,6 @@ class PolygonMesh(Mesh):
 
         Raises
         ------
-        VemcvxError
-            matplotlib is not installed.
         MeshError
             ``values`` do not fit the mesh.
         """
@@ -258,10 +255,7 @@ def _names_in_space(mesh: PolygonMesh) -> dict[str, Ints]:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return the faces of the prisms in one layer, cell by cell: offsets, vertices and the cell of each face.
-
-    Normals of faces point outwards. Vertices of the upper level are numbered from n_nodes on.
-    """
+    """Return offsets, vertices and cells of the outward faces of a layer; upper nodes are numbered from n_nodes on."""
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])

@@ -23,8 +23,7 @@ from vemcvx.meshes.mesh import Mesh, Sides
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Neighbouring cells share whole faces: a large cell has four coplanar faces where it meets four small cells. Neither
-    cells nor faces need be convex. Nodes and cells keep the given order; faces are numbered as they first appear.
+    Neighbouring cells share whole faces. Nodes and cells keep the given order; faces are numbered as they first appear.
 
     Parameters
     ----------
@@ -53,8 +52,8 @@ class PolyhedralMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh; the message names the cell or node. A face counts as plane if no
-        vertex is farther from its plane than 1e-6 times its diameter.
+        The points and cells do not form a valid mesh, or a vertex is farther from the plane of its face than 1e-6 times
+        the diameter of the face.
 
     Warns
     -----

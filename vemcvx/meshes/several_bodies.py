@@ -54,9 +54,8 @@ def bodies(
 ) -> AnyKind:
     """Join the meshes of several bodies into one, with an interface wherever boundaries of two bodies coincide.
 
-    Along an interface, the cells of each body get hanging vertices at the nodes of the other body; coinciding nodes
-    stay separate. In space, the faces along an interface are the intersections of the faces of both bodies. Bodies need
-    not touch.
+    Along an interface, the cells of each body get hanging vertices at the nodes of the other body; in space, faces are
+    split. Coinciding nodes stay separate. Bodies need not touch.
 
     Parameters
     ----------
@@ -66,25 +65,23 @@ def bodies(
         Names of interfaces: name -> (first body, second body). By default an interface is called "first|second", in the
         order of the bodies.
     tolerance : float, optional
-        Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies. In
-        the plane, nodes of the later body move to the earlier body. Polygons with edges of length h, inscribed in one
-        circle of radius R, are up to h^2 / (8 R) apart. In space, nodes at most four times the tolerance apart move to
-        one place.
+        Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies.
+        Nodes of the later body move to the earlier body. Polygons with edges of length h, inscribed in one circle of
+        radius R, are up to h^2 / (8 R) apart.
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The cells and nodes of the first body, then of the second, and so on; new nodes last. ``mesh.interfaces`` maps
-        names to `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on
-        interfaces. Cell data are kept, and are zero on other bodies. The cell datum "body" numbers the bodies from 0.
-        The name of a body is also a cell datum, 1 on its cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
+        The cells and nodes body by body; new nodes last. ``mesh.interfaces`` maps names to `Interface`. The boundary
+        "left" of the body "lower" is called "lower.left", without its part on interfaces. Cell data are zero on other
+        bodies. The cell datum "body" numbers the bodies from 0. The name of a body is also a cell datum, 1 on its
+        cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
 
     Raises
     ------
     MeshError
-        Bodies overlap, touch only in a point (or, in space, in an edge), or leave a gap of less than 1e-3 of the
-        smallest height of a cell; curved surfaces in space have different nodes; `interfaces` names two bodies that
-        have no interface; the tolerance is too large; or names clash.
+        Bodies overlap, touch only in a point or edge, or leave a narrow gap; curved surfaces in space have different
+        nodes; `interfaces` names two bodies that have no interface; the tolerance is too large; or names clash.
 
     Examples
     --------
@@ -276,10 +273,7 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 
 
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket.
-
-    We test unshared nodes, points just outside these nodes, and points just inside faces: no other body contains them.
-    """
+    """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket."""
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
     free = mesh._boundary[mesh._outer]

@@ -74,10 +74,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of the points marked as ``present``.
-
-    The rows (n_cells, k) list the points of each cell, counter-clockwise; unmarked points and entries -1 are left out.
-    """
+    """Return the mesh of the marked points; rows (n_cells, k) list the points of cells, with -1 and unmarked points."""
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
@@ -96,7 +93,6 @@ def triangles(
     Returns
     -------
     PolygonMesh
-        Nodes are in the order of `squares`; the lower triangle of each square comes before the upper.
 
     Examples
     --------
@@ -122,12 +118,10 @@ def hexagons(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        There are about as many cells as squares; every second row has a half cell at either end.
 
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row.
 
     Examples
     --------
@@ -169,7 +163,6 @@ def distorted(
     Returns
     -------
     PolygonMesh
-        Nodes and cells in the order of `squares`.
 
     Examples
     --------
@@ -185,11 +178,6 @@ def distorted(
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
-# Nodes of a 3 x 3 block, numbered row by row from the lower left: around the block, and around its four quarters.
-AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])
-QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
-
-
 def hanging(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
@@ -203,29 +191,17 @@ def hanging(
     Returns
     -------
     PolygonMesh
-        Nodes row by row; large cells row by row, with four quarters in the position of a split cell.
+        Large cells row by row, with four quarters in the position of a split cell.
 
     Examples
     --------
     >>> vx.meshes.hanging(4).n_cells
     31
     """
-    rectangle = check_box(box)
-    nx, ny = cell_counts(n, rectangle, size, each=4)
+    nx, ny = cell_counts(n, check_box(box), size, each=4)
+    mesh = squares((nx, ny), box)
     random = np.random.default_rng(check_whole("seed", seed, 0))
-    cut = np.zeros(nx * ny, dtype=bool)
-    cut[random.permutation(nx * ny)[: round(0.3 * nx * ny)]] = True
-    points, _ = square_grid(2 * nx, 2 * ny, rectangle)
-    line = 2 * nx + 1
-    first = (2 * np.arange(ny)[:, None] * line + 2 * np.arange(nx)).ravel()
-    blocks = first[:, None] + (np.arange(3)[:, None] * line + np.arange(3)).ravel()
-    rows = np.full((nx * ny, 4, 8), -1)
-    rows[~cut, 0] = blocks[~cut][:, AROUND]
-    rows[cut, :, :4] = blocks[cut][:, QUARTERS]
-    present = np.zeros(len(points), dtype=bool)
-    present[blocks[:, [0, 2, 6, 8]]] = True
-    present[blocks[cut]] = True
-    return mesh_from_rows(points, present, rows[rows[:, :, 0] >= 0], rectangle)
+    return mesh.refine(random.permutation(mesh.n_cells)[: round(0.3 * mesh.n_cells)])
 
 
 ZIGZAG = 0.15
@@ -244,7 +220,6 @@ def nonconvex(
     Returns
     -------
     PolygonMesh
-        Cells row by row; first the nodes of `squares`, then the nodes of the zigzags.
 
     Examples
     --------
@@ -294,8 +269,8 @@ def l_shape(
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right"
-        and "inner_top". The last two, with normals to the right and upwards, meet in the re-entrant corner.
+        Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right" and "inner_top". The last
+        two meet in the re-entrant corner.
 
     Examples
     --------
@@ -331,13 +306,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     Returns
     -------
     PolygonMesh
-        Nodes and cells circle by circle, counter-clockwise from the first ray; the centre of a disc comes first.
         Boundaries "outer", "inner" (not for a disc), and "first" and "last" (the rays of a sector).
-
-    Raises
-    ------
-    MeshError
-        Radii are negative or do not increase, the angle is not in (0, 2 pi], or there are too few or too many sectors.
 
     Examples
     --------

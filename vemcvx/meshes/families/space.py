@@ -31,8 +31,8 @@ def cubes(
     Returns
     -------
     PolyhedralMesh
-        Nodes and cells layer by layer, row by row. Boundaries "left" and "right" (x least and greatest), "front" and
-        "back" (y), "bottom" and "top" (z), and "boundary". In the unit cube, h = sqrt(3) / n.
+        Boundaries "left" and "right" (x least and greatest), "front" and "back" (y), "bottom" and "top" (z), and
+        "boundary". In the unit cube, h = sqrt(3) / n.
 
     Raises
     ------
@@ -88,7 +88,6 @@ def tetrahedra(
     Returns
     -------
     PolyhedralMesh
-        Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
 
     Examples
     --------

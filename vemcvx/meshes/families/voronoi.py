@@ -74,11 +74,6 @@ def voronoi(
     PolygonMesh
         Cells are convex, except where edges were collapsed.
 
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``cells`` or ``shortest`` is not in its range.
-
     Examples
     --------
     >>> vx.meshes.voronoi(cells=20, seed=1).n_cells
@@ -115,8 +110,7 @@ def voronoi3(
     Returns
     -------
     PolyhedralMesh
-        Cells and nodes are sorted into layers and rows one cell high. Faces are plane up to rounding; edges may be
-        arbitrarily short.
+        Edges may be arbitrarily short.
 
     Examples
     --------
@@ -135,8 +129,6 @@ def kelvin(
 ) -> PolyhedralMesh:
     """Return a mesh of a box with truncated octahedra (the cells of Kelvin's foam); the sides cut some of them.
 
-    Truncated octahedra are the Voronoi cells of a body-centred lattice (W. Thomson, Phil. Mag. 24 (1887), 503-514).
-
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
@@ -145,13 +137,13 @@ def kelvin(
     Returns
     -------
     PolyhedralMesh
-        Cells and nodes are sorted into layers and rows.
 
     Examples
     --------
     >>> vx.meshes.kelvin(2).n_cells
     16
     """
+    # truncated octahedra are the Voronoi cells of a body-centred lattice
     whole = check_box(box, 3)
     counts = cell_counts(n, whole, size, each=2)
     first = np.indices(counts).reshape(3, -1).T + 0.25
@@ -257,11 +249,7 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse each chain of edges shorter than ``shortest`` to one point, the mean of its nodes.
-
-    Nodes on a side of [0, size] stay on it. Edges between two sides are kept, and so are edges at a cell that would
-    no longer be star-shaped about its old centroid.
-    """
+    """Collapse edges shorter than ``shortest``, as long as cells stay star-shaped about their old centroids."""
     edges = corner_edges(offsets, vertices)
     ends, on = points[edges], (points == 0.0) | (points == size)
     bridge = on[edges].any(axis=2).all(axis=1) & ~(on[edges].all(axis=1) & (ends[:, 0] == ends[:, 1])).any(axis=1)

@@ -243,12 +243,7 @@ def _rotate(x: Floats, axis: Floats) -> Floats:
 
 def _lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file without comments, with the lines of included files."""
-    data = path.read_bytes()
-    try:
-        text = data.decode()
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    for line in map(str.strip, text.splitlines()):
+    for line in map(str.strip, path.read_bytes().decode("utf-8", "replace").splitlines()):
         word = line.partition(",")[0].lstrip("*").strip().upper()
         named = re.search(r"\bINPUT\s*=\s*\"?([^\",]+)", line, re.IGNORECASE) if word in KEYWORDS_WITH_FILES else None
         if line and not line.startswith("**") and word != "INCLUDE":

@@ -77,11 +77,7 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return the meshio mesh of a grid, with one block for each kind and number of nodes.
-
-    The cell datum "boundary:<name>" marks the cells of a named set. If blocks permute the cells, the datum `CELL` has
-    their numbers.
-    """
+    """Return the meshio mesh of a grid; if blocks permute the cells, the cell datum `CELL` has their numbers."""
     import meshio
 
     counts = np.diff(grid.offsets)

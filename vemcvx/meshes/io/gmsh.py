@@ -19,7 +19,6 @@ from vemcvx.meshes.io.grid import PHYSICAL, Grid
 from vemcvx.meshes.polygons import same_rows
 
 FORMAT = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+([48])\s")
-PARAMETRIC = "its nodes have parametric coordinates: save without parametric coordinates (Mesh.SaveParametric = 0)."
 
 
 def read_gmsh(path: Path) -> Grid:
@@ -35,6 +34,8 @@ def read_gmsh(path: Path) -> Grid:
         data = data[: found.start(1)] + b"4.0" + data[found.end(1) :]
     if b"$PartitionedEntities" in data:
         raise MeshError("its mesh is partitioned, and groups of partitions are not read; unpartition it before saving.")
+    if b"$ParametricNodes" in data:
+        raise MeshError("its nodes have parametric coordinates: save without them (Mesh.SaveParametric = 0).")
     names, data = _without(data, b"PhysicalNames")
     entities, data = _without(data, b"Entities")
     lines = re.findall(rb'^\s*(\d)\s+(\d+)\s+"(.*)"', names, re.MULTILINE)
@@ -42,12 +43,7 @@ def read_gmsh(path: Path) -> Grid:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.msh"
         file.write_bytes(data)
-        try:
-            mesh = meshio.gmsh.read(file)
-        except Exception as error:
-            parametric = b"$ParametricNodes" in data or "parametric" in str(error)
-            raise MeshError(PARAMETRIC) if parametric else error from None
-    grid = cells_of(mesh)
+        grid = cells_of(meshio.gmsh.read(file))
     numbers = grid.data.pop(PHYSICAL, None)
     if version >= 4.0 and entities:
         take_groups(grid, grid.data.pop(GEOMETRICAL), called, _groups(entities, version, found[3], binary=binary))

@@ -146,10 +146,7 @@ def pack_cells(mesh: Any) -> ElementTree.Element:
 
 
 def write_cells(path: Path, packed: ElementTree.Element, point_data: Arrays, cell_data: Arrays) -> None:
-    """Write fields on a mesh, with one row per node or cell, as a .vtu file for ParaView; raise MeshError on failure.
-
-    Vectors of two components get a zero third component.
-    """
+    """Write fields on a mesh, with one row per node or cell, as a .vtu file; raise MeshError on failure."""
     with translate_errors(str(path), "cannot be written"):
         _write(path, packed, point_data, cell_data)
 

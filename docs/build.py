@@ -1,7 +1,7 @@
 """Build the site: python docs/build.py DIR [--work FOLDER].
 
 First the lessons and the code of pages run; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
-MyST-NB treats notebooks and code in pages alike, and Sphinx fails if a reference has no target; MkDocs does neither.
+Unlike MkDocs, MyST-NB treats notebooks and code in pages alike, and Sphinx fails if a reference has no target.
 All these packages have BSD or MIT licences, MathJax has Apache 2.0. `docs/README.md` has the conventions for pages.
 
 With --work, the build keeps sources and executed notebooks in FOLDER, and does not run unchanged code again.

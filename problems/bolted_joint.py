@@ -67,7 +67,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the joint while it is pulled, and the wear along it at the edges of the clamped zone."""
+    """Draw the joint while it is pulled, and the wear over x: the joint wears at the edges of the clamped zone."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")

@@ -15,7 +15,7 @@ radius sqrt(R^2 - r^2). The sole lags behind the top: U - a is perpendicular to 
 $$ \rho = \sqrt{R^2-r^2 \cos^2(\alpha/2)} - r \sin(\alpha / 2), $$
 
 and a turn of N steps dissipates 2 N g A rho sin(alpha/2). The displacement is linear, so virtual elements reproduce it
-on any mesh. (If each component of friction were bounded by g, friction of up to sqrt(2) g would be possible.)
+on any mesh.
 
     vemcvx run problems/circular_hysteresis.py --mesh voronoi3 --n 3 --steps 60
 """
@@ -35,14 +35,14 @@ SMALL = {"n": 2, "steps": 60}
 
 
 def top(t):
-    """Return U(t), (..., 2)."""
+    """Return U(t) without its third component, which is zero."""
     t = np.asarray(t, dtype=float)
     angle = 2 * np.pi * np.maximum(t - 1, 0)
     return RADIUS * np.minimum(t, 1)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def exact_solution(instants):
-    """Return the shear gamma and the slip a, (N + 1, 2) each, at every instant."""
+    """Return the shear gamma and the slip a: arrays with one row per instant."""
     gamma, a = np.zeros((2, len(instants), 2))
     for n, U in enumerate(top(instants[1:]), start=1):
         trial = (U - a[n - 1]) / HEIGHT
@@ -52,7 +52,7 @@ def exact_solution(instants):
 
 
 def exact(points, instants):
-    """Return the displacement (N + 1, n_nodes, 3) at points."""
+    """Return the displacement at points: an array of shape (instants, points, 3)."""
     gamma, a = exact_solution(instants)
     along = a[:, None] + gamma[:, None] * points[:, 2:]
     return np.concatenate([along, np.zeros((*along.shape[:2], 1))], axis=2)

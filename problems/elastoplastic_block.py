@@ -17,8 +17,8 @@ $$
 $$
 
 On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, with the
-projection Pi on linear fields. The unknowns are u and the coordinates p of P. With test functions v and q, and with the
-elastic form a_K^h, a cell has the form a below; the loss is j:
+projection Pi on linear fields. The unknowns are u and the coordinates p of P. Let v and q be test functions, and a_K^h
+the elastic form of a cell. The cell has the form a, and the block the loss j:
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -70,7 +70,7 @@ class Block(NamedTuple):
 
 
 def block(mesh, stress):
-    """Return the block under the tractions of uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
+    """Return the block under the tractions of uniform stresses; row n of `stress` is (xx, yy, xy) at t = n."""
     space, n = Space(mesh), mesh.n_cells
     work = stress_load(space)
     elastic = stiffness(space, np.full(n, LAM), np.full(n, MU))
@@ -100,14 +100,14 @@ def _support_unknowns(mesh):
 
 
 def spiral():
-    """Return stresses (N + 1, 3) with S_yy = -S_xx whose deviator grows and makes two turns."""
+    """Return stresses with S_yy = -S_xx, whose deviator grows and makes two turns."""
     size = 2.5 * RADIUS * SPIRAL / SPIRAL[-1]
     x, xy = size * np.cos(SPIRAL) / np.sqrt(2), size * np.sin(SPIRAL) / np.sqrt(2)
     return np.column_stack([x, -x, xy])
 
 
 def exact_solution(stress):
-    """Return plastic strains (N + 1, 3) in the basis, strains (N + 1, 3) (xx, yy, 2 xy), and s - H P in the basis."""
+    """Return plastic strains in the basis, strains (xx, yy, 2 xy), and s - H P in the basis, one row per instant."""
     s = np.sqrt(2) * np.column_stack([stress[:, 0], 0 * stress[:, 0], stress[:, 2]])
     p = np.zeros_like(s)
     for n in range(1, len(s)):
@@ -119,7 +119,7 @@ def exact_solution(stress):
 
 
 def cell_strains(mesh, posed, trajectory):
-    """Return plastic strains (N + 1, cells, 3) and strains (N + 1, cells, 3)."""
+    """Return plastic strains and strains: arrays of shape (instants, cells, 3)."""
     u = np.zeros((len(trajectory.state), 2 * mesh.n_nodes))
     u[:, posed.free] = trajectory.state[:, : len(posed.free)]
     plastic = trajectory.state[:, len(posed.free) :].reshape(len(u), -1, 3)

@@ -5,9 +5,9 @@ g(x), a force per length. Slip begins at the right end; at the largest pull it h
 displacements of the top are measured at some points and instants, with noise.
 
 The unknown bound is linear between knots. `vx.fit` finds its values at the knots from the measurements. Far from the
-pulled end nothing slips, so that the measurements say nothing about g there, except that g is large enough. Therefore
-we state an assumption: the second differences of g between knots are normally distributed, with the standard deviation
-`BEND`. This is the regularisation: the sum of squares gets the terms (second difference / BEND)^2.
+pulled end nothing slips, so that the measurements show only that g is large enough there. Therefore we state an
+assumption: the second differences of g between knots are normally distributed, with the standard deviation `BEND`. This
+is the regularisation: the sum of squares gets the terms (second difference / BEND)^2.
 
 The band in the picture is the fitted bound with twice its standard error. Where the joint slips, the band is narrow and
 contains the true bound: there the measurements determine g. Where the joint sticks, the band widens: there only the
@@ -31,7 +31,7 @@ SMALL = {"n": 4, "steps": 8}
 
 
 def hats(x):
-    """Return the hat functions of the knots at the points x (k, 2), as an array (k, 21)."""
+    """Return the values of the hat functions of all knots, one row per point."""
     return np.stack([np.interp(x[:, 0], KNOTS, one) for one in np.eye(len(KNOTS))], axis=1)
 
 
@@ -59,7 +59,7 @@ def times(steps):
 
 
 def measure(history, seed=0):
-    """Return a dict with the noisy displacements (instants,) of each point, and the standard deviation of the noise."""
+    """Return the noisy displacements of each point at all instants, and the standard deviation of the noise."""
     exact = history.probe(np.column_stack([POINTS, np.full(len(POINTS), HEIGHT)]))[:, :, 0]
     noise = NOISE * float(np.abs(exact).max())
     rows = (exact + noise * np.random.default_rng(seed).standard_normal(exact.shape)).T

@@ -1,8 +1,8 @@
-"""HiGHS 1.15.1 reports "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
+"""HiGHS 1.15.1 reports "Optimal" at x = 0 with the value 0; the least value is -13/12.
 
-The program in the .mps file of the same name is a step of friction: it minimises a quadratic function of two
-displacements d plus the friction t, where -t <= d <= t. These constraints imply t >= 0. If the file also states t >= 0,
-HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 finds it without this bound, too.
+This file needs only highspy. The program in the .mps file of the same name is a step of friction: it minimises a
+quadratic function of two displacements d plus the friction t, where -t <= d <= t. These constraints imply t >= 0. If
+the file also states t >= 0, HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 finds it without this bound, too.
 """
 
 from pathlib import Path

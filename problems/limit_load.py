@@ -1,6 +1,6 @@
 r"""Limit loads: the largest force that friction can bear before a body slides, tips or turns.
 
-A body that friction and one-sided contact alone hold has a limit load. `vx.limit_load` computes it without steps, as a
+A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes it without steps, as a
 cone program, with bounds from both sides. Three bodies have closed forms.
 
 *A footing* of the width W bears the weight N and a horizontal force F at the height h. It slides or tips at
@@ -21,7 +21,7 @@ $$ F = \min_c \frac{\sum_i w_i \sqrt{(x_i - c)^2 + y_i^2}}{L / 2 - c} . $$
 This F is the exact limit load of the plate on its mesh. On fine meshes the sum approaches the integral over the plate,
 and F approaches the limit load of the plate.
 
-The run pushes the plate by .95 of this limit load. In the last step only the far end of the plate sticks.
+The run pushes the plate with .95 of this limit load. In the last step only the far end of the plate sticks.
 
     vemcvx run problems/limit_load.py --n 8 --steps 8 --plot
 """
@@ -52,7 +52,7 @@ def incline_limit():
 
 
 def turning(points, weights):
-    """Return the limit F and the centre c, for friction forces w_i at points (m, 2) relative to the plate's middle."""
+    """Return the limit F and the centre c, for friction forces w_i at points relative to the middle of the plate."""
     # Golden section: each of 70 rounds multiplies the interval by .618.
     low, high, golden = -0.5 * LENGTH, 0.0, 0.5 * (np.sqrt(5.0) - 1.0)
 

@@ -118,7 +118,7 @@ def measure_friction_work(history):
 
 
 def picture(history):
-    """Draw the range of friction in the cycle at the factor, within the bounds; and the work of friction by cycles."""
+    """Draw the range of friction in a cycle, within the bounds, and the work of friction in each cycle."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

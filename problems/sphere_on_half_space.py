@@ -17,8 +17,8 @@ The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mecha
 A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
 cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
 Therefore the approach is prescribed, P is measured, and Hertz' formulas are compared for this P. Then the missing far
-field hardly matters, because it would move the contact almost uniformly: with cylinders half or twice as large, radius
-and peak change by at most .1 %.
+field hardly matters, because this field would move the contact almost uniformly. With cylinders half or twice as large,
+radius and peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
 is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces, which is 2/5 a^2. The peak
@@ -81,14 +81,14 @@ def force(history):
 
 
 def measure_contact(history, step=-1):
-    """Return the radius a, from the mean of r^2 weighted by contact forces, 2/5 a^2; and the largest pressure."""
+    """Return the radius of the contact and the largest pressure."""
     contact = history.contact
     forces = contact.pressure[step] * contact.lengths
     return np.sqrt(2.5 * forces @ contact.points[:, 0] ** 2 / forces.sum()), contact.pressure[step].max()
 
 
 def stresses_near_axis(history):
-    """Return the depths (m,), and axial, radial and hoop stresses (m, 3), of the cells at the axis."""
+    """Return the depths of the cells at the axis, and rows of their axial, radial and hoop stresses."""
     r, z = history.mesh.centroids.T
     near = (r**2 < history.mesh.areas) & (z > -3 * CONTACT)
     stress, hoop = history.stress(-1)[near], history.out_of_plane_stress(-1)[near]

@@ -10,8 +10,8 @@ $$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
-Each of three systems (K, load, Norms) is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and
-j(v) = sum_i w_i |v_i|. The solutions of these systems are sums of weighted plays.
+Three systems (K, load, Norms) follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and
+j(v) = sum_i w_i |v_i|, and its solution is a sum of weighted plays.
 
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Spring j has the stiffness k_j. Block i slides on
@@ -85,7 +85,7 @@ def turning_instants(force, turns=TURNS):
 
 
 def play(r, x):
-    """Return plays (N + 1, m) that start at zero, with half widths r (m,) and inputs x, (N + 1, m) or (N + 1,)."""
+    """Return plays with half widths r that start at zero; rows of x and of the plays belong to instants."""
     r = np.atleast_1d(r)
     p = np.zeros((len(x), len(r)))
     for n in range(1, len(x)):
@@ -106,7 +106,7 @@ def chain(force, springs=SPRINGS, bounds=BOUNDS):
 
 
 def chain_exactly(force, springs=SPRINGS, bounds=BOUNDS):
-    """Return displacements (N + 1, N_blocks + 1) and friction forces (N + 1, N_blocks) at N + 1 instants."""
+    """Return displacements and friction forces, one row per instant."""
     T = play(np.append(0.0, np.cumsum(bounds)), force)
     return np.cumsum((T / springs)[:, ::-1], axis=1)[:, ::-1], T[:, :-1] - T[:, 1:]
 

@@ -39,7 +39,7 @@ import vemcvx as vx
 #
 # So time only labels the loads: if the same loads come faster or slower, the path is the same (*rate independence*). We
 # check this on the four sliders of lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the
-# other. This is a power of two, so rounding does not change any load, and both answers agree in all bits.
+# other. The ratio is a power of two, so rounding does not change any load, and both answers agree in all bits.
 
 # %%
 chain = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)

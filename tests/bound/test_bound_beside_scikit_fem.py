@@ -1,12 +1,12 @@
 """Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
-functional that u minimises. The triangles of w divide the parts of cells on which v is quadratic (see `fan`), so that
-|w - v|_a is integrated exactly. Triangles are graded towards points where stresses are singular.
+functional that u minimises. The triangles of w divide the parts of cells on which v is quadratic, so that |w - v|_a is
+integrated exactly. Triangles are graded towards points where stresses are singular.
 
 The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
-normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). All triangles are refined once, from a
-solution w_1 to the solution w. We assume J(w_1) - J(w) >= J(w) - J(u). So |w - u|_a^2 <= 2 (J(w_1) - J(w)).
+normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution before all triangles
+were refined once. We assume J(w_1) - J(w) >= J(w) - J(u). So |w - u|_a^2 <= 2 (J(w_1) - J(w)).
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def refine_around(mesh, points, levels):
 
 
 def shapes(s):
-    """Return the quadratic shape functions (q, 3) of an edge: of both ends and of the middle."""
+    """Return the quadratic shape functions of both ends and of the middle of an edge, one row per point."""
     return np.column_stack([(1.0 - s) * (1.0 - 2.0 * s), s * (2.0 * s - 1.0), 4.0 * s * (1.0 - s)])
 
 
@@ -113,9 +113,9 @@ class Solution:
     J: float
     energy: float
     floor: np.ndarray
-    """Displacements (e, 3, 2) of the edges on the floor, at both ends and at the middle."""
+    """Displacements of the edges on the floor; the axes are: edges, both ends and the middle, two components."""
     along: np.ndarray
-    """Coordinates x (e, 2) of the ends of these edges."""
+    """Coordinates x of both ends of these edges."""
 
 
 def solve_with_cvxpy(case, mesh):
@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return the matrix of m sums on each edge: its three values times each row of `weights` (m, 3)."""
+        """Return a matrix of sums: each row of `weights` times the three values on an edge, for all edges."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)

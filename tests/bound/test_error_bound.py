@@ -155,7 +155,7 @@ SCENES = {
 
 
 def one_step(seed):
-    """Return a random scene with given friction (one in three has one-sided contact), and the end of its only step."""
+    """Return a random scene with given friction, and the end of its step; every third seed has one-sided contact."""
     scene, turn = random_scene(seed)
     if seed % 3 < 2:
         return scene, turn

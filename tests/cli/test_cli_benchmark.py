@@ -117,7 +117,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """The errors are .03 |d*|_K and .02 |d*|_K, with the d* of step 1; the largest norm is that of step 2, 2 |d*|_K."""
+    """With the optimum d* of step 1, errors are .03 |d*|_K and .02 |d*|_K; the largest norm (step 2) is 2 |d*|_K."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 
@@ -207,7 +207,7 @@ def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_pa
     dots = [k for k, line in enumerate(code) if line.lstrip().startswith("...")]
     (tmp_path / "mine.py").write_text("\n".join([*code[: dots[0]], NEWTON.strip("\n"), *code[dots[-1] + 1 :], ""]))
     monkeypatch.chdir(tmp_path)
-    # The limit is wall-clock time, which is longer on a busy machine.
+    # On a busy machine, the solvers need more wall-clock time.
     benchmark(*lines[end].replace("--time-limit 2", "--time-limit 60").split()[2:])
     rows = list(csv.DictReader((tmp_path / "benchmark" / "trials.csv").read_text().splitlines()))
     for name in wanted:

@@ -91,7 +91,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """A linear field is prescribed on one side, and one component on two others; tractions load free components."""
+    """A linear field is given on one side, and one of its components on two sides; tractions load free components."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)
@@ -159,7 +159,7 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """Stress is zero in free bodies, along x in bodies blocked along x, and in all directions in clamped bodies."""
+    """A free body has no stress; a body blocked along x has stress along x, and a clamped body in all directions."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
@@ -222,7 +222,7 @@ def test_one_sided_contact_closes_a_gap(body):
 
 
 def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
-    """A clamped body has the stress -alpha theta R diag(b_1, b_2) R' with the row sums b of the 3 x 3 matrix S^-1."""
+    """The stress is -alpha theta R diag(b_1, b_2) R', with the rotation R and the row sums b of the stiffness S^-1."""
     young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
     wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
     S = np.diag(1 / np.array(young))

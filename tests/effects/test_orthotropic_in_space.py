@@ -35,7 +35,7 @@ def stretched(effect, mesh, **options):
 
 @mostly_long("name", SOLIDS, "hanging faces")
 def test_affine_displacements_have_the_stress_of_hookes_law(name):
-    """In rotated axes, sigma = R' sigma_m R with sigma_m = S^-1 e_m and e_m = R e R'."""
+    """With the rotation R to material axes, sigma = R' sigma_m R with sigma_m = S^-1 e_m and e_m = R e R'."""
     history = stretched(vx.Orthotropic(E, NU, G, angle=ANGLE), solid(name, 2, BOX))
     strain = TURN @ (0.5 * (GRADIENT + GRADIENT.T)) @ TURN.T
     inside = np.linalg.solve(compliance(), [*np.diag(strain), *(2 * strain[[0, 1, 0], [1, 2, 2]])])

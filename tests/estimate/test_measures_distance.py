@@ -15,7 +15,7 @@ LAM, MU = 1.5, 0.8
 
 
 def field(mesh, displacement, lam=LAM, mu=MU):
-    """Return the nodal interpolant of a displacement f(x) (n, 2)."""
+    """Return the nodal interpolant of a displacement."""
     moduli = np.array([np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu)])
     return vx.measures.Field(mesh, displacement(mesh.points), moduli)
 

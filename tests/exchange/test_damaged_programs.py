@@ -1,4 +1,4 @@
-"""Damaged files of programs are refused in one sentence; other tests damage NPZ files at random."""
+"""Damaged files of programs are refused in one sentence."""
 
 from __future__ import annotations
 

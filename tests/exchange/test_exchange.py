@@ -75,7 +75,7 @@ def solve(name, condense=True):
 @pytest.mark.parametrize("form", FORMATS)
 def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     """In a CBF file K is the product F'F, whose entries are sums of n rounded products."""
-    condense = condense or (form, name) == ("cbf", "free")  # refused on all unknowns
+    condense = condense or (form, name) == ("cbf", "free")  # CBF needs the condensed program
     program, path = solve(name, condense), tmp_path / f"step.{form}"
     assert vx.write_program(program, path) == path
     back = vx.read_program(path)
@@ -219,7 +219,7 @@ def read_sparse(A):
 
 @mostly_long("dim, condense", [(2, True), (3, True), (2, False)], 0, 2)
 def test_fclib_files_state_a_step_with_coulombs_law_and_its_solution(tmp_path, dim, condense):
-    """h5py reads the file as FCLIB does. The solution in it satisfies Coulomb's law and is our solution."""
+    """h5py reads the file as FCLIB does. The solution in the file satisfies Coulomb's law and is our solution."""
     h5py = pytest.importorskip("h5py")
     program = coulomb(dim=dim, condense=condense)
     with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:

@@ -19,7 +19,7 @@ kinds = pytest.mark.parametrize("kind", INEXACT)
 @kinds
 @mostly_long("tolerance", [0.5, 1e-4, 1e-12], 1)
 def test_energies_of_inexact_solves_are_upper_bounds(kind, tolerance):
-    """The bound is less than 1.5 times the energy: see `IterativeFactor.energy` and `bound_lowest_eigenvalue`."""
+    """The bound is less than 1.5 times the energy."""
     system = pose_scene(paper_scene(), small("voronoi", 14)).system
     exact, inexact = SuperLU().factorise(system.K), kind(tolerance).factorise(system.K, system.near_kernel)
     smooth, rough = system.force(1.0), np.random.default_rng(4).normal(size=system.n)

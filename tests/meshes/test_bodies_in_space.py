@@ -144,7 +144,7 @@ def test_invalid_sets_of_bodies_are_refused():
 
 
 def make_slab(heights, is_lower, middle):
-    """Return 3 x 3 cells below or above a surface of triangles; `middle` (0 or 1) is the middle cell's diagonal."""
+    """Return 3 x 3 cells below or above a surface of triangles; `middle` selects the diagonal of the middle cell."""
     x, y = np.meshgrid(range(4), range(4))
     z = np.append(heights, np.full(16, -1.0 if is_lower else 3.0))
     points = np.column_stack([np.tile([x.ravel(), y.ravel()], 2).T, z])

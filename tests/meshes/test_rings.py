@@ -32,7 +32,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
             at = mesh.points[np.unique(mesh.boundaries[name])]
             assert at @ [-np.sin(angle), np.cos(angle)] == pytest.approx(0.0, abs=1e-14)
             assert (at @ [np.cos(angle), np.sin(angle)] >= -1e-15).all()
-    vx.PolygonMesh(mesh.points, mesh.cells)  # checks of meshes of users
+    vx.PolygonMesh(mesh.points, mesh.cells)  # raises an error if the mesh is invalid
     if angles == (0.0, np.pi / 2):
         for name, axis in (("first", 1), ("last", 0)):
             assert (mesh.points[np.unique(mesh.boundaries[name]), axis] == 0).all()
@@ -40,7 +40,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
 
 @mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
 def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds):
-    """Check the numbers of faces of hexahedra and wedges, and a mesh of meshio."""
+    """Cells are hexahedra or wedges; a conversion to meshio and back keeps their nodes."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
     assert set(np.diff(solid.cell_offsets)) == kinds
     assert {"outer", "bottom", "top"} <= set(solid.boundaries)

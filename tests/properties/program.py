@@ -47,11 +47,11 @@ def objective_is_strongly_convex(case, size, seed, share):
 def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
-    All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and lam.s
-    misses w|s| by at most the gap. If theorem 2 (:mod:`vemcvx.program.certificate`) is used, it is the gap at d - v,
-    with |v|_K <= error / 2; there s differs by B v. w|s| - lam.s is 2w-Lipschitz in s, and |B_i v| is at most |v|_K
-    times the root of `norm_flexibility`. The bounds on the residual and on w|s| - lam.s include rounding errors of
-    stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.
+    All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
+    w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with
+    |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at most 2w |B v|. Here |B_i v| is at most
+    |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of stored states. In blocks of two
+    components, |lam| <= w holds up to the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)
@@ -91,11 +91,11 @@ def no_competitor_is_better(case, size, seed):
 
 @for_all(case=cases(), poor=POOR, size=exponents(-6, 1), seed=SEEDS)
 def certificates_bound_the_true_error(case, poor, size, seed):
-    """A poor answer differs from a sharp answer, in a step from the same state, by at most the sum of both errors.
+    """From one state, a poor answer and Newton's sharp answer differ by at most the sum of both certified errors.
 
-    The sharp answer is Newton's. Random increments c with Newton's multipliers are certified, too. If c has the active
-    sets of d*, the gap at c is exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails.
-    `known` bounds the rounding error of the residual in the energy norm.
+    Random increments c with Newton's multipliers are certified, too. If c has the active sets of d*, the gap at c is
+    exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails. `known` bounds the rounding error of
+    the residual in the energy norm.
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)
     shape = (len(case.weights[0]), case.block)

@@ -49,7 +49,7 @@ def test_a_refusal_names_the_direction_of_the_load():
 
 
 def test_a_skew_body_in_space_is_held_by_a_clamp():
-    """Rotations about the coordinate axes are not orthogonal: these axes are no principal axes of inertia."""
+    """The coordinate axes are no principal axes of inertia, so rotations about these axes are not orthogonal."""
     block = vx.meshes.cubes(2)
     skew = block.points + np.column_stack([0 * block.points[:, :2], block.points[:, 0]])
     names = {name: faces for name, faces in block.boundaries.items() if name != "boundary"}
@@ -62,7 +62,7 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
 
 
 def test_an_interface_without_contact_is_logged(caplog):
-    """Contact of one body with an obstacle is logged: it is not contact between the two bodies of an interface."""
+    """Contact of one body with an obstacle is no contact between two bodies, so the interface is still logged."""
     parts = {"a": vx.meshes.squares(2, box=((0, 2), (0, 1))), "b": vx.meshes.squares(2, box=((0, 1), (1, 2)))}
     mesh = vx.meshes.bodies(parts)
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on=["a.bottom", "b.top"]), vx.UnilateralContact(on="a.top"))

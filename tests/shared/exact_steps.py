@@ -7,9 +7,9 @@ slipping terms with their directions, active limits), the optimality conditions 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
 with weights w and compliances c. The solution is refined, with factors in double precision, until the residual is below
-1e-60. Sets change by a primal-dual active set method (by single pivots, Murty 1974, if sets repeat) until every
-inequality holds to 1e-48 in units in which the largest force and the diagonal of K have size one. With given weights,
-the solution is *the* minimiser, unique in the seminorm of K. With Coulomb's law, other solutions may exist.
+1e-60. Sets change by a primal-dual active set method, or by single pivots if sets repeat (Murty 1974), until every
+inequality holds to 1e-48. Here the largest force and the diagonal of K have size one. With given weights, the solution
+is *the* minimiser, unique in the seminorm of K. With Coulomb's law, other solutions may exist.
 
 Units are powers of two: d_i = 2^(a - e_i) times the scaled increment, where K_ii 2^(-2 e_i) is of size one. Energies
 are 2^(2a) times the energies of the scaled program.
@@ -192,9 +192,9 @@ class Steps:
         self.B, self.E = Matrix.from_matrix(B), Matrix.from_matrix(E)
 
     def step(self, before, s, t, guess, settled=False, weights=None):
-        """Return the exact step from the state `before` (n,) at `s` to `t`.
+        """Return the exact step from the state `before` at `s` to `t`.
 
-        `guess` = (d, lam, p), in the package's units, determines the first sets. `weights` (m,) replace the weights
+        `guess` = (d, lam, p), in the package's units, determines the first sets. `weights` replace the weights
         of the system. `settled` means a step at one instant, without damping.
         """
         system, power, norms, limits = self.system, self.power, self.system.norms, self.system.limits

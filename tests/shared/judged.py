@@ -18,7 +18,7 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""We assume that no eigenvalue of K, anchored (:mod:`vemcvx.program.kernel`) and scaled, is below 1 / ANCHORED."""
+"""We assume that K, scaled and with anchors (:mod:`vemcvx.program.kernel`), has no eigenvalue below 1 / ANCHORED."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force: Newton's tolerance of a step."""
 EXACT = 2.0**-160
@@ -112,7 +112,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # The program's multipliers come first. Those of nodes dragged by supports along the contact boundary follow.
+        # The multipliers of the program come first; multipliers of nodes that supports drag along the contact follow.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -184,7 +184,7 @@ def _requested_accuracy(drawn):
 
 
 def _solve_error(drawn, system):
-    """Return the relative error that solves with K cause in energy and work: min(ROUNDED cond(K), accuracy)."""
+    """Return the relative error in energy and work from linear systems: min(ROUNDED cond(K), accuracy)."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
@@ -231,8 +231,8 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
 
     E is the stored energy, a(., .) its form, p the contact pressure, z the normal displacement minus the gap, c the
     compliance, and d marks increments. A residual r and a duality gap change the balance by r . du + gap, where
-    |r . du| <= error |du|_K. With dashpots, a given state has zero pressures, but E counts the pressure z / c of soft
-    contact.
+    |r . du| <= error |du|_K. A run with dashpots that starts from a given state stores zero pressures for this state,
+    but E counts the pressure z / c of soft contact.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
@@ -258,7 +258,7 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
         # Rounding errors of a state change its energy and its work.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
-        # Energy and work of a step are sums of products with the results of four solves, at two instants.
+        # Energy and work of a step contain the solutions of four linear systems, two at each of two instants.
         left += 2 * (unsolved(float(t.times[n])) + unsolved(float(t.times[n - 1]))) * size_of_states
         force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
         blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()
@@ -288,7 +288,7 @@ def _check_balance(posed, history, verdict):
         u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
         sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
         total = history.forces[n].ravel() + f - sprung
-        # The forces of dashpots are among the forces that cancel each other.
+        # Forces of dashpots are rounded, too.
         blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
         if posed.system.damping is not None:
             before = np.abs(history.displacement[n - 1].ravel())

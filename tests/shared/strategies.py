@@ -55,7 +55,7 @@ def materials(draw, mesh):
 
 
 def courses(steps):
-    """Draw courses in time (steps + 1,) from 0: steadily growing, held, reversing or random."""
+    """Draw courses in time that begin at 0: steadily growing, held, reversing or random."""
     # Energy norms below 1e-125 are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
@@ -125,7 +125,7 @@ class Setting:
 
 @st.composite
 def settings_of_scenes(draw, moving=False, most_steps=4):
-    """Draw settings: affine tractions on one or two sides, sometimes a body force, courses, bounds of all kinds."""
+    """Draw settings with affine tractions on one or two sides, sometimes a body force, and any friction bound."""
     mesh, times = draw(meshes()), draw(instants(most_steps))
     steps, rng = len(times) - 1, np.random.default_rng(draw(SEEDS))
     size = draw(exponents(-3, 3))
@@ -181,7 +181,7 @@ class Case:
 
 @st.composite
 def abstract_cases(draw, blocks=(1, 2)):
-    """Draw cases with K of condition up to 1e6 and B of full row rank, random or with one unknown per row."""
+    """Draw cases: K has a condition up to 1e6; B has full row rank, and is random or has one unknown per row."""
     block, rng = draw(st.sampled_from(blocks)), np.random.default_rng(draw(SEEDS))
     m = draw(st.integers(1, 4))
     n = draw(st.integers(m * block, 10))

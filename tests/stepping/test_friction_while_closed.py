@@ -48,7 +48,7 @@ def test_friction_while_closed_needs_pressure():
     """Open nodes have no friction, closed nodes obey Tresca's law, and the answer is certified."""
     history = run(True)
     contact = history.contact
-    # Between open and closed, friction is proportional to the pressure.
+    # Under small pressures, friction is proportional to the pressure.
     bound = np.minimum(STEEP * np.maximum(contact.pressure, 0.0), BOUND)
     force = np.abs(contact.traction[..., 0])
     assert (force <= bound * (1 + 1e-9) + 1e-12).all()
@@ -64,7 +64,7 @@ def test_friction_while_closed_needs_pressure():
 
 
 def test_a_node_that_friction_would_open_slides_at_zero_pressure():
-    """Friction w leaves the pressure .45 - .9 w. Stick needs w = 1, but w = 1/2 leaves no pressure: slip."""
+    """Friction w reduces the pressure to .45 - .9 w. Stick needs w = 1, but the pressure is zero at w = 1/2."""
 
     def weights(t, p, past, slip):
         return np.minimum(STEEP * p, 2.0)

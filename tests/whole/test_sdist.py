@@ -1,4 +1,4 @@
-"""The source distribution is complete, and its tests run; the citation names this version."""
+"""The source distribution is complete, and the citation names this version."""
 
 from __future__ import annotations
 

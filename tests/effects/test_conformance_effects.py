@@ -1,6 +1,7 @@
 """The conformance suite of vemcvx.testing for every effect that the package exports."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +10,11 @@ from scenes import long_cases
 import vemcvx as vx
 from cohesive_interface import Glue
 from slip_weakening import SlipWeakening
-from vemcvx.testing import EffectSample, Other, effect_suite
+from vemcvx.testing import EffectSample, effect_suite
 
 OTHER_FIELDS = {
     *("bound", "softening", "on", "direction", "plane", "stabilisation"),
-    *("quadrature", "stiffness", "at", "while_closed", "motion"),
+    *("quadrature", "stiffness", "young", "at", "while_closed", "motion"),
 }
 """Fields whose values are not data f(x, t)."""
 
@@ -105,12 +106,11 @@ TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 
 
-REST = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, on="east"),))
-REST_STRESS = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, plane="stress", on="east"),))
+SPLIT = vx.Scene(replace(STEEL, on="west"), vx.Elasticity(young=80.0, poisson=0.2, on="east"))
+PLY = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0, angle=0.4)
+RUBBED = vx.TrescaFriction(uneven, on="bottom")
 # Bilateral contact gives no pressure; `while_closed` needs the pressure of one-sided contact.
-UNPRESSED = Other(True, beside=(vx.UnilateralContact(on="left"),))
-
-
+UNPRESSED = vx.Scene(replace(RUBBED, while_closed=True), vx.UnilateralContact(on="left"))
 ON_FLOOR = STEEL, HELD, TOUCHING, RUBBING
 LOADED = STEEL, HELD, PULLED, TOUCHING, RUBBING
 SAMPLES = {
@@ -119,30 +119,33 @@ SAMPLES = {
         LOADED[1:],
         (vx.Elasticity(young=100.0, poisson=0.3),),
         {"young": 1, "poisson": 1},
-        {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit", "on": REST},
+        {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit", "on": SPLIT},
     ),
     "Orthotropic": EffectSample(
-        vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0, angle=0.4),
+        PLY,
         LOADED[1:],
         (STEEL,),
-        {"young": 1, "poisson": 1, "shear": 1, "angle": 1},
+        {"poisson": 1, "shear": 1, "angle": 1},
         {
             "young": (200.0, 80.0),
             "poisson": 0.2,
             "shear": stiff,
             "angle": 0.1,
-            "plane": Other("strain", {"young": (200.0, 60.0, 50.0), "poisson": (0.3, 0.3, 0.2)}),
-            "on": REST_STRESS,
+            "plane": vx.Scene(vx.Orthotropic((200.0, 60.0, 50.0), (0.3, 0.3, 0.2), 40.0, 0.4, "strain")),
+            "on": vx.Scene(replace(PLY, on="west"), vx.Elasticity(80.0, 0.2, "stress", on="east")),
             "stabilisation": "unit",
         },
-        ("young",),
     ),
     "Clamp": EffectSample(vx.Clamp(on=["top", "right"]), LOADED, others={"on": ["right", "bottom"]}),
     "PrescribedDisplacement": EffectSample(
         vx.PrescribedDisplacement(slide, on="left"),
         ON_FLOOR,
         data={"value": 2},
-        others={"value": (0.0, 0.0), "on": "bottom", "direction": Other("normal", {"value": lift})},
+        others={
+            "value": (0.0, 0.0),
+            "on": "bottom",
+            "direction": vx.Scene(vx.PrescribedDisplacement(lift, "left", "normal")),
+        },
     ),
     "BodyForce": EffectSample(vx.BodyForce(weigh), ON_FLOOR, data={"force": 2}, others={"force": pull, "on": "west"}),
     "Traction": EffectSample(
@@ -187,7 +190,7 @@ SAMPLES = {
         others={"value": 0.0, "on": "left"},
     ),
     "TrescaFriction": EffectSample(
-        vx.TrescaFriction(uneven, on="bottom"),
+        RUBBED,
         (STEEL, HELD, SHAKEN, TOUCHING),
         data={"bound": 1, "ground": 2},
         others={"bound": 2.0, "on": "left", "quadrature": "integral", "while_closed": UNPRESSED, "ground": belt},

@@ -16,6 +16,7 @@ def turning(x, t):
 
 RUBBING = vx.TrescaFriction(bound=2.0, on="bottom")
 RUBBED = flat.STEEL, flat.HELD, flat.PULLED, flat.TOUCHING, RUBBING
+PLY = vx.Orthotropic((200.0, 60.0, 80.0), (0.3, 0.3, 0.2), (40.0, 30.0, 20.0), angle=0.8)
 UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, vx.PointLoad, vx.Rigid, vx.PrescribedSlip
 
 
@@ -38,10 +39,10 @@ SAMPLES = {
         RUBBED[1:],
         (vx.Elasticity(100.0, 0.3),),
         {"young": 1, "poisson": 1},
-        {"young": 150.0, "poisson": 0.2, "stabilisation": "unit", "on": flat.REST},
+        {"young": 150.0, "poisson": 0.2, "stabilisation": "unit", "on": flat.SPLIT},
     ),
     "Orthotropic": EffectSample(
-        vx.Orthotropic((200.0, 60.0, 80.0), (0.3, 0.3, 0.2), (40.0, 30.0, 20.0), angle=0.8),
+        PLY,
         RUBBED[1:],
         (flat.STEEL,),
         others={
@@ -50,7 +51,7 @@ SAMPLES = {
             "shear": (flat.stiff, 30.0, 20.0),
             "angle": 0.3,
             "stabilisation": "unit",
-            "on": flat.REST,
+            "on": vx.Scene(replace(PLY, on="west"), vx.Elasticity(80.0, 0.2, on="east")),
         },
     ),
     "Rigid": EffectSample(
@@ -78,7 +79,7 @@ SAMPLES = {
         others={"force": flat.weigh, "at": [(0.0, 1.0, 1.0), (0.0, 0.0, 1.0)]},
     ),
     "TrescaFriction": EffectSample(
-        vx.TrescaFriction(flat.uneven, on="bottom"),
+        flat.RUBBED,
         (flat.STEEL, flat.HELD, flat.SHAKEN, flat.TOUCHING),
         data={"bound": 1, "ground": 3},
         others={

@@ -9,8 +9,8 @@ from scenes import FAMILIES, small
 from solids import SOLIDS, solid
 
 import vemcvx as vx
-from vemcvx.vem import Space, cell_load, edge_load
-from vemcvx.vem.loads import cell_quadrature, mean_strains
+from vemcvx.vem import Space, edge_load
+from vemcvx.vem.loads import cell_load, cell_quadrature, mean_strains
 
 # Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13

@@ -14,9 +14,10 @@ from vemcvx.base.errors import SceneError
 from vemcvx.effects import data
 from vemcvx.effects.effect import Contribution, Effect, Friction, Load, Support, amount, where
 from vemcvx.effects.materials import cells_of, nodes_of
-from vemcvx.vem import Part, Space, cell_load, edge_load
-from vemcvx.vem.boundary import EdgeEnds
+from vemcvx.vem import Space, edge_load
+from vemcvx.vem.boundary import EdgeEnds, Part
 from vemcvx.vem.elasticity import rigid_modes
+from vemcvx.vem.loads import cell_load
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from vemcvx.base.errors import SceneError, VemcvxError
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Material, MaterialLaw, Symmetry
 from vemcvx.effects.materials import REVOLVED
 from vemcvx.meshes import Mesh
-from vemcvx.vem import Space, Stabilisation, stress_load
+from vemcvx.vem import Space, stress_load
 from vemcvx.vem.boundary import DIRECTION_TOLERANCE, MirrorPlanes
-from vemcvx.vem.stabilisation import InRegions, VertexWeights
+from vemcvx.vem.stabilisation import VertexWeights
 from vemcvx.vem.tensors import upper_triangle
 
 
@@ -36,17 +36,20 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     moduli = [m.moduli if isotropic else upper_triangle(m.elastic(dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
     # Each material and its stabilisation vanish in the cells of other materials.
-    own: list[Stabilisation] = [m.choose_stabilisation(dim) for m in materials]
+    own = [m.choose_stabilisation(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
-    filled = [np.abs(m.moduli).max(axis=0) > 0.0 for m in materials]
-    regions = InRegions(tuple(zip(filled, own, strict=True)))
+    if len(weights) < len(own):
+        raise SceneError(
+            "materials: a stabilisation of your own needs one material for the whole body. Give this material moduli "
+            "that are arrays with one value per cell, and leave out on=."
+        )
     return Material(
         subject="materials",
         moduli=np.sum(moduli, axis=0),
         thermal_stress_moduli=np.sum([m.thermal_stress_moduli for m in materials], axis=0),
         plane=materials[0].plane,
         out_of_plane=np.sum(across, axis=0) if len(across) == len(materials) else None,
-        stabilisation=VertexWeights(np.sum(weights, axis=0)) if len(weights) == len(own) else regions,
+        stabilisation=VertexWeights(np.sum(weights, axis=0)),
     )
 
 

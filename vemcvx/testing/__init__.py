@@ -23,11 +23,11 @@ pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.linear"
 from vemcvx.linear import LinearSolver  # noqa: E402 - after the registration above
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402
 from vemcvx.testing import solvers as conformance  # noqa: E402
-from vemcvx.testing.effects import PROPERTIES, EffectSample, Other  # noqa: E402
+from vemcvx.testing.effects import PROPERTIES, EffectSample  # noqa: E402
 from vemcvx.testing.linear import linear_properties  # noqa: E402
 from vemcvx.testing.solvers import INSTANCES  # noqa: E402
 
-__all__ = ["EffectSample", "Other", "effect_suite", "linear_suite", "solver_suite"]
+__all__ = ["EffectSample", "effect_suite", "linear_suite", "solver_suite"]
 
 
 def solver_suite(

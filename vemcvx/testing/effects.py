@@ -41,30 +41,6 @@ TIMES = np.array([0.0, 0.4, 1.0])
 
 
 @dataclass(frozen=True)
-class Other:
-    """Another value of a field, with changes and further effects that the value needs.
-
-    Parameters
-    ----------
-    value : object
-    changes : mapping of names to values
-        Changes of other fields.
-    beside : tuple of Effect
-        Further effects of the scene.
-
-    Examples
-    --------
-    >>> from vemcvx.testing import Other
-    >>> Other("top", changes={"stiffness": 2.0}).value
-    'top'
-    """
-
-    value: object
-    changes: Mapping[str, object] = field(default_factory=dict)
-    beside: tuple[Effect, ...] = ()
-
-
-@dataclass(frozen=True)
 class EffectSample:
     """An effect, and a scene that the effect changes, on a mesh of the unit square or of the unit cube.
 
@@ -78,8 +54,8 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer: an :class:`Other` if this value needs further changes,
-        and None if the field only states a property of another field.
+        For every field, another value that changes the answer: a Scene of effects that replace the effect if this
+        value needs further changes, and None if the field only states a property of another field.
     in_space : bool
         True for the unit cube.
 
@@ -341,9 +317,8 @@ def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
     for name, other in sample.others.items():
         if other is None:
             continue
-        other = other if isinstance(other, Other) else Other(other)
-        changed = sample.replace(**{name: other.value, **other.changes})
-        found = sample.answer(changed, *sample.beside, *other.beside).displacement
+        changed = other if isinstance(other, Scene) else [sample.replace(**{name: other})]
+        found = sample.answer(*changed, *sample.beside).displacement
         assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
 
 

@@ -1,8 +1,8 @@
 """The lowest-order virtual element method, Section 3 of the paper named in :mod:`vemcvx`: spaces, matrices, loads."""
 
-from vemcvx.vem.boundary import BoundaryRows, Part
+from vemcvx.vem.boundary import BoundaryRows
 from vemcvx.vem.elasticity import consistent_blocks, stiffness, strains
-from vemcvx.vem.loads import cell_load, edge_load, stress_load
+from vemcvx.vem.loads import edge_load, stress_load
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import Stabilisation
@@ -10,10 +10,8 @@ from vemcvx.vem.stabilisation import Stabilisation
 __all__ = [
     "BoundaryRows",
     "CellGroup",
-    "Part",
     "Space",
     "Stabilisation",
-    "cell_load",
     "consistent_blocks",
     "edge_load",
     "stiffness",

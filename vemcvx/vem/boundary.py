@@ -38,19 +38,6 @@ class Part:
     The length (in space the area) of node i is int phi_i ds over the part. A node where sides meet at an angle has
     several *rows*, one per normal: see :class:`BoundaryRows`.
 
-    Attributes
-    ----------
-    sides : array of int
-        The nodes (m, 2) of each edge, with its cell on the left; or the face numbers (m,), ascending.
-    normals : (m, dim) array
-        Outward unit normal of each side.
-    measures : (m,) array
-        Length or area of each side.
-    rules : callable
-        Returns a tuple of `SideRule` for a number of Gauss points per edge; rules on faces are exact for degree 5.
-    ends : SideEnds
-        One row for each node of each side; the sides are in the order of `rules`.
-
     Examples
     --------
     >>> part = vx.vem.Space(vx.meshes.squares(2)).part("left", "example")
@@ -58,11 +45,11 @@ class Part:
     [0.5 0.5] [0.25 0.5  0.25]
     """
 
-    sides: Ints
-    normals: Floats
-    measures: Floats
-    rules: Callable[[int], tuple[SideRule, ...]]
-    ends: SideEnds
+    sides: Ints  # (m, 2) the nodes of each edge, with its cell on the left; or (m,) the face numbers, ascending
+    normals: Floats  # (m, dim) outward unit normals of sides
+    measures: Floats  # (m,) lengths or areas of sides
+    rules: Callable[[int], tuple[SideRule, ...]]  # for a number of Gauss points per edge; degree 5 on faces
+    ends: SideEnds  # one row for each node of each side; the sides are in the order of `rules`
 
     @cached_property
     def nodes(self) -> Ints:

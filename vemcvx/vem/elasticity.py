@@ -1,20 +1,9 @@
-r"""Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
+"""Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
 
-The projection Pi and the vectors g_i = |K| G_i of a cell K are defined in :mod:`vemcvx.vem.projection`. Pi_0 div u is
-the trace of eps(Pi u), chi_i(v) the value of v at vertex i, h_K the diameter of K, and lambda and mu are Lame's
-constants. The form of the cell, (3.13) of the paper named in :mod:`vemcvx`, is
-
-$$ a_K^h(u, v) = 2 \mu (\varepsilon(\Pi u), \varepsilon(\Pi v))_K
-+ \lambda (\Pi_0 \operatorname{div} u, \Pi_0 \operatorname{div} v)_K
-+ \tau h_K^{\dim - 2} \sum_i \chi_i(u - \Pi u) \, \chi_i(v - \Pi v). $$
-
-For an elastic matrix C (3, 3) per cell, the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
-tau = 2 mu ("shear") has the units of the other terms and does not contain lambda, so nothing locks as lambda grows.
-tau = 1 ("unit") is (3.13) verbatim. On triangles and tetrahedra Pi v = v, and the last term is omitted.
-
-For other materials, "shear" means the smallest eigenvalue of C on deviatoric strains, in Kelvin's notation C_k = D C D
-with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2). This tau does not depend on the axes, and
-is 2 mu for an isotropic material. Neither a growing volumetric modulus nor stiff fibres increase tau.
+The form of a cell, (3.13) of the paper named in :mod:`vemcvx`, is |K| eps(Pi u)' C eps(Pi v) + S_K, with the elastic
+matrix C and eps = (e_xx, e_yy, 2 e_xy); docs/theory/virtual_elements.md has its theory. On triangles and tetrahedra
+Pi v = v, and there is no S_K. The stabilisation "shear" uses the smallest eigenvalue of C on deviatoric strains, in
+Kelvin's notation C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
 """
 
 from __future__ import annotations

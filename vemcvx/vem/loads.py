@@ -135,26 +135,10 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force per area (in space: per volume), shared by the vertices of each cell.
+    """Return points (q, dim) inside cells, a matrix (n_u, dim q), and the cell of each point.
 
-    Parameters
-    ----------
-    space : Space
-
-    Returns
-    -------
-    points : (q, dim) array
-        Points inside the cells.
-    matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), 1 in (r, z) and in space.
-    cells : (q,) array of int
-        The cell of each point.
-
-    Examples
-    --------
-    >>> points, matrix, cells = vx.vem.cell_load(vx.vem.Space(vx.meshes.squares(1)))
-    >>> print(matrix @ np.tile([0.0, -4.0], len(points)))
-    [ 0. -1.  0. -1.  0. -1.  0. -1.]
+    ``matrix @ f(points).ravel()`` is the nodal load of a force f per area, in space per volume; exact for f of degree 2
+    in (x, y), 1 in (r, z) and in space.
     """
     points, matrices, cells = [], [], []
     for group in space.groups:

@@ -33,8 +33,7 @@ class Space:
     mirrors : MirrorPlanes or None
         Planes of symmetry. A curve of contact that ends on a plane continues as its mirror image.
     axisymmetric : bool
-        True for a body of revolution: the mesh is its half section in the coordinates (r, z), and all integrals, loads
-        and forces are over the full turn, with the weight 2 pi r.
+        True for a body of revolution, where all integrals are over the full turn, with the weight 2 pi r.
 
     Examples
     --------

@@ -1,12 +1,8 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history on its mesh, because results with friction depend on the path. A pass refines the
-fewest cells whose squared indicators add up to THETA times the sum over all cells (Dorfler, *A convergent adaptive
-algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). If fewer cells are predicted to reach the target, the
-pass refines these only; refinement is assumed to divide the squared indicator of a cell by 4.
-
-The time error is measured at the instants of the run only. So the instants of the first pass include each bend,
-extremum and jump of the data. Each later pass splits the fewest steps that cause a given part of the time error.
+Each pass simulates the whole history on its mesh, and refines the fewest cells whose squared indicators add up to THETA
+times the sum over all cells (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal.
+33, 1996); fewer if they suffice. Each later pass splits the fewest steps that cause a given part of the time error.
 """
 
 from __future__ import annotations
@@ -35,16 +31,11 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state, march, prepare
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
-GAIN = 0.75
-"""Fraction of the squared indicator that a split removes from a cell in which the solution is smooth."""
-MARGIN = 0.9
-"""Fraction of the target at which a pass aims, to save a further pass."""
-TIME_FRACTION = 0.3
-"""Allowed time error as a fraction of the target."""
-THETA = 0.6
-"""Fraction of the squared error that is in the refined cells of a pass."""
-MOST_STEPS = 4000
-"""Largest number of steps before the first pass."""
+GAIN = 0.75  # Fraction of the squared indicator that a split removes from a cell in which the solution is smooth
+MARGIN = 0.9  # Fraction of the target at which a pass aims, to save a further pass
+TIME_FRACTION = 0.3  # Allowed time error as a fraction of the target
+THETA = 0.6  # Fraction of the squared error that is in the refined cells of a pass
+MOST_STEPS = 4000  # Largest number of steps before the first pass
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
@@ -179,12 +170,6 @@ def adapt(
     -------
     Adapted
 
-    Warns
-    -----
-    SceneWarning
-        A support or contact in the normal direction acts along a curve. Refined meshes keep the corners of the coarse
-        mesh, over which a body cannot slide.
-
     Raises
     ------
     MeshError
@@ -245,8 +230,7 @@ class _Aim:
 
     target: float
     initial: str | Projected | None
-    wanted: Floats
-    """given instants"""
+    wanted: Floats  # given instants
     solver: Solver | Solves | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
     """instants between the given ones at which data bend, turn or jump"""

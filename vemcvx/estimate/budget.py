@@ -64,9 +64,8 @@ class ErrorBudget(Outlined):
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
     scale : float
-        The largest energy norm of the run, in units of sqrt(force * length), to which all errors are relative. It
-        includes the energy of springs (ElasticFoundation). Measured errors (:class:`.measures.Measured`) are relative
-        to the strain norm of the reference at one instant.
+        The largest energy norm of the run, springs included, to which all errors are relative. Measured errors
+        (:class:`.measures.Measured`) are relative to the strain norm of the reference at one instant.
 
     Examples
     --------

@@ -1,9 +1,8 @@
 """The error of time steps: a comparison with the same run in finer steps, with instants where data bend and jump.
 
-The run is repeated on the same mesh, with each step split into FINER steps (more where data vary faster), and with an
-instant wherever data bend or jump (:mod:`vemcvx.stepping.course`). For the run u and the finer run v,
-
-    |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n)     with contact unknowns y of u, z of v, and condensed matrix S.
+The run is repeated on the same mesh, with each step split into FINER steps, more where data vary faster. For the run u
+and the finer run v, |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n), with contact unknowns y of u and z of v, and the
+condensed matrix S (docs/theory/error_estimates.md).
 
 If errors are of first order, |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). Without friction, viscosity and
 VelocityContact, nothing depends on the path, and steps make no error.
@@ -27,14 +26,10 @@ FINER, TO_EXACT = 4, 1.25
 class Finer:
     """The comparison of a run with a run in finer steps; `bends` and `jumps` are as in the :class:`Course` of data."""
 
-    errors: Floats
-    """(N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT"""
-    added: Floats
-    """(N,) error added by each step: TO_EXACT times the energy norm of the change of u - v"""
-    times: Floats
-    """(q,) the finer instants"""
-    norm: float
-    """largest energy norm of the finer run"""
+    errors: Floats  # (N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT
+    added: Floats  # (N,) error added by each step: TO_EXACT times the energy norm of the change of u - v
+    times: Floats  # (q,) the finer instants
+    norm: float  # largest energy norm of the finer run
     bends: Floats
     jumps: tuple[str, ...]
 

@@ -1,14 +1,11 @@
 """Friction work, work and wear, with estimates of their errors due to steps and mesh.
 
-The values Q of these quantities are of second order in the step size k (:mod:`vemcvx.stepping.state`). Two more runs of
-the same scene estimate the errors of Q due to k and to the mesh size h:
+Two more runs of the same scene estimate the errors of a value Q due to the step size k and the mesh size h:
 
     steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
 
-For wear, the difference is the largest over the contact nodes that both runs have. The factors are for errors of first
-order, with an extra factor 1.5 for steps. An error that changes sign between k and k/2 is underestimated. Where the
-pressure is singular, the largest wear has no limit, which is reported (:mod:`vemcvx.results.corners`).
+For wear, the difference is the largest over the contact nodes that both runs have (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations

@@ -53,36 +53,25 @@ from vemcvx.vem.tensors import elastic_matrix, stresses, tractions
 
 CONSTANT, IN_SPACE = 0.63, 0.8
 """The constants c in the plane and in space. Terms of q, of the stabilisation and of data errors have no factor c."""
-SPATIAL_FACTOR = 7.0
-"""The factor in s, for the stabilisation in space."""
+SPATIAL_FACTOR = 7.0  # The factor in s, for the stabilisation in space
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
     """The geometry of cells, and of sides (edges or faces): f inner sides and b outer sides."""
 
-    inner: Ints
-    """(f, 2) the cells of inner sides"""
-    inner_normals: Floats
-    """(f, dim) unit normals from the first cell to the second"""
-    inner_sizes: Floats
-    """(f,) lengths or areas"""
-    outer: Ints
-    """(b,) the cells of outer sides"""
-    normals: Floats
-    """(b, dim) outward unit normals"""
-    sizes: Floats
-    """(b,) lengths or areas"""
-    shares: sp.csr_matrix
-    """(b, n_nodes) int phi_i over each outer side"""
-    joints: Joints
-    """interfaces of two bodies"""
+    inner: Ints  # (f, 2) the cells of inner sides
+    inner_normals: Floats  # (f, dim) unit normals from the first cell to the second
+    inner_sizes: Floats  # (f,) lengths or areas
+    outer: Ints  # (b,) the cells of outer sides
+    normals: Floats  # (b, dim) outward unit normals
+    sizes: Floats  # (b,) lengths or areas
+    shares: sp.csr_matrix  # (b, n_nodes) int phi_i over each outer side
+    joints: Joints  # interfaces of two bodies
     numbers: Callable[[Ints], Ints]
     """function from edges (k, 2), faces (k,), or sides in `ContactRows.names` (k, 2), to their positions in `outer`"""
-    corners: tuple[Ints, Floats]
-    """offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)"""
-    edges: tuple[Ints, Ints]
-    """(e,) cells, and (e, 2) the ends of their edges"""
+    corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)
+    edges: tuple[Ints, Ints]  # (e,) cells, and (e, 2) the ends of their edges
     arms: tuple[Ints, Floats]
     """(k,) cells, and (k, dim, dim) vectors from the centroid to the other corners of simplices that form the cell"""
 

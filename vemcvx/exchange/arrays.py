@@ -10,9 +10,6 @@ the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds all array
     d, lam, p       the answer d, the multipliers lam of norm terms and p of limits
     step, t         number and instant of the step
 
-Only norm terms and limits restrain the motions N z. The program has an optimum if z'N'g < sum_i w_i |B_i N z| for all
-nonzero z (k,) with D N z <= 0. At an optimum, N'g = N'B'lam + N'D'p. K d and the least value are unique; d need not be.
-
 A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
 more axis, the first, which numbers the steps.
 
@@ -37,8 +34,7 @@ from vemcvx.linear import Matrix
 from vemcvx.program import Answer, Operators, SolvedProgram, StepProgram
 from vemcvx.program.operators import SYMMETRY_TOLERANCE
 
-NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"
-"""The arrays of a program in every format."""
+NAMES = "K", "B", "D", "N", "g", "w", "b", "e", "c"  # The arrays of a program in every format
 CSR = "data", "indices", "indptr", "shape"
 CHANGING = "g", "w", "b", "e", "d", "lam", "p", "step", "t"
 

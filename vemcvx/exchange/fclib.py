@@ -10,9 +10,8 @@ A contact has a limit j and a norm term i. Its rows of h are h_N = -D_j and h_T 
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
-W is stored by rows (nz = -2). Each step has its own file with a solution. The description in `info` states, as JSON,
-the certified error: |d - d*|_K <= energy_error, where d* solves the convex program with the weights mu r_N. Files
-state Coulomb's law without weights, so they cannot be read back. Writing needs h5py (extra ``fclib``).
+W is stored by rows (nz = -2). The description in `info` states, as JSON, the certified error: |d - d*|_K <=
+energy_error, where d* solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -74,19 +73,17 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     """Return two arrays (r,): the index of the norm term, and the coefficient of friction, for each of r limits."""
     operators, slope = program.operators, program.slope
     words = "FCLIB's model is Coulomb's friction on rigid obstacles: "
-    if slope is None or operators.block > 2:
-        raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .mps.")
-    if operators.kernel is not None or (operators.compliance > 0).any():
-        raise ProgramError(f"{words}here limits are soft, or only friction and limits hold the body.")
+    soft = (operators.compliance > 0).any()
+    if slope is None or operators.block > 2 or operators.kernel is not None or soft:
+        raise ProgramError(
+            f"{words}here weights do not follow the pressure, limits are soft, or only friction and limits hold the "
+            "body; write .npz, .mtx, .cbf or .mps."
+        )
     pairs = sp.csc_matrix(slope)
     pairs.eliminate_zeros()
     single = (np.diff(pairs.indptr) == 1).all() and (np.bincount(pairs.indices, minlength=operators.count) == 1).all()
-    if not single:
-        raise ProgramError(f"{words}here some weights are capped, or some limit has no weight or several.")
-    mu = pairs.data
+    mu, w = pairs.data, program.w[pairs.indices]
     # In Coulomb's law w = mu p, up to a few rounding errors, each of at most EPS max(w).
-    w = program.w[pairs.indices]
-    other = np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)
-    if other.any():
-        raise ProgramError(f"{words}here {other.sum()} weights are not mu times the pressures of the answer.")
+    if not single or (np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)).any():
+        raise ProgramError(f"{words}here some weights are not mu times one pressure of the answer.")
     return pairs.indices.astype(np.int64), mu

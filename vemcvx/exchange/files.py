@@ -66,8 +66,7 @@ def description(program: StepProgram) -> dict[str, Any]:
     return found
 
 
-Files = dict[str, bytes]
-"""Suffix -> contents of a file; a suffix such as "_B.mtx" or ".json" follows NAME."""
+Files = dict[str, bytes]  # Suffix -> contents of a file; a suffix such as "_B.mtx" or ".json" follows NAME
 FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),

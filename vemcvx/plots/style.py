@@ -33,8 +33,7 @@ OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, SECOND, THIRD = "#0072B2", "#D55E00", "#009E73"
 """Colours of computed marks and of further curves."""
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
-MARKERS = "osD^vPX*"
-"""Colours of many curves, and their markers for grey print."""
+MARKERS = "osD^vPX*"  # Colours of many curves, and their markers for grey print
 TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
 """Colour maps of tension (red), of compression (blue), of unsigned fields, and of fields of both signs. The last map

@@ -30,8 +30,7 @@ from vemcvx.scene.contact import Surface
 from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.vem.boundary import CURVE_ANGLE
 
-CELLS = 1.5
-"""Radius of the means in units of h."""
+CELLS = 1.5  # Radius of the means in units of h
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,8 @@ At nodes, a VTU file has the displacement and all contact arrays that change in 
 `sticking` and `closed` are NaN, and all other contact arrays are zero. At an interface, both sides have values; slip
 and traction of the second body have the opposite sign. On cells, the file has the fields of `History.on_cells`.
 
-If writing fails, an older history remains unchanged. Without an archive, files with these names do not belong to a
-history, and are not replaced.
-
-The archive holds the arrays of the history and of its mesh, and all other data as JSON in the array `about`.
+If writing fails, an older history remains unchanged. The archive holds the arrays of the history and of its mesh, and
+all other data as JSON in the array `about`.
 """
 
 from __future__ import annotations

@@ -268,8 +268,7 @@ class Results(ActingForces):
         return stored.index(wanted)
 
 
-ALIKE = 0.99
-"""Fraction of the largest value above which a value counts as equally large."""
+ALIKE = 0.99  # Fraction of the largest value above which a value counts as equally large
 
 
 def last_of_largest(sizes: ArrayLike) -> int:

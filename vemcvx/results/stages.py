@@ -19,8 +19,7 @@ from vemcvx.results.results import Results
 
 COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"
 """Arrays of contact that a run counts from its own initial instant."""
-PER_EFFECT = "acting", "loads"
-"""Names of the array dimensions whose entries belong to effects."""
+PER_EFFECT = "acting", "loads"  # Names of the array dimensions whose entries belong to effects
 
 
 def join(stages: Sequence[Results]) -> Results:

@@ -4,19 +4,16 @@ r"""The distance of two displacement fields in the energy norm, on the same or o
 - projected: the same integral for Pi u and Pi v, on any polygons;
 - nodal: $|u - I v|_{a^h}$ on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v.
 
-The first two are integrated exactly on the overlaps of cells, where strains are linear or constant. They are symmetric
-if the moduli are the same, and obey the triangle inequality. The nodal distance ignores v between the coarse nodes, and
-is usually the smallest of the three. It is |w| for w = u - I v, with the moduli and the stabilisation of `run`,
+The first two are integrated exactly on the overlaps of cells. The nodal distance ignores v between the coarse nodes. It
+is |w| for w = u - I v, with the moduli and the stabilisation of `run`,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
-In space, the integrals are sums over pyramids between the centroid of a cell of the second mesh and its faces; the
-centroid of a pyramid determines the cell of the first mesh. The integrals are exact if the cells of the second mesh lie
-inside cells of the first mesh; otherwise their error is O(h). In space, "exact" is for tetrahedra: there u is linear.
+In space, the integrals are exact if the cells of the second mesh lie inside cells of the first mesh; otherwise their
+error is O(h). There, "exact" is for tetrahedra: u is linear.
 
-Equation numbers are those of Feng, Han and Huang. Virtual functions (3.11) are harmonic, and linear on edges. So they
-are linear on a triangle. On a rectangle let e_1 and e_2 be the sides, c the centre, u_1 ... u_4 the vertex values in
-turn, xi = 2 e_1.(x - c) / |e_1|^2, and eta the same with e_2. Then
+Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. On a rectangle let e_1 and e_2 be the sides,
+c the centre, u_1 ... u_4 the vertex values in turn, xi = 2 e_1.(x - c) / |e_1|^2, and eta the same with e_2. Then
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
@@ -229,14 +226,10 @@ def make_measure(squares: Floats, reference: float) -> Measured:
 class CommonRule:
     """A quadrature rule on the overlaps of two meshes; weights may be negative in nonconvex cells."""
 
-    first: Ints
-    """(q,) the cell of the first mesh at each point"""
-    second: Ints
-    """(q,) the cell of the second mesh at each point"""
-    weights: Floats
-    """(q,) weights; their sum is the area, or volume, of the overlap of the meshes"""
-    points: Floats
-    """(q, dim)"""
+    first: Ints  # (q,) the cell of the first mesh at each point
+    second: Ints  # (q,) the cell of the second mesh at each point
+    weights: Floats  # (q,) weights; their sum is the area, or volume, of the overlap of the meshes
+    points: Floats  # (q, dim)
 
 
 @lru_cache(maxsize=4)

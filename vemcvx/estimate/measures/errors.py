@@ -35,10 +35,8 @@ from vemcvx.vem.tensors import stresses
 class Orders(NamedTuple):
     """The observed orders of convergence of m runs."""
 
-    successive: Floats
-    """(m - 1,) orders between each run and the next"""
-    slope: float
-    """slope of the least-squares line through (log h, log e)"""
+    successive: Floats  # (m - 1,) orders between each run and the next
+    slope: float  # slope of the least-squares line through (log h, log e)
 
 
 def orders(h: ArrayLike, errors: ArrayLike) -> Orders:

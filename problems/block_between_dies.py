@@ -29,7 +29,7 @@ SMALL = {"n": 10, "steps": 4}
 
 
 def normal(side):
-    """Return the outward normal (2,) of a side, and the length of the side."""
+    """Return the outward normal and the length of a side."""
     along = CORNERS[(side + 1) % 4] - CORNERS[side]
     length = np.linalg.norm(along)
     return np.array([along[1], -along[0]]) / length, length

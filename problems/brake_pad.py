@@ -14,7 +14,7 @@ $$ q(t) = g(V) - c V e^{-(t - t_0) / \tau}, \qquad \tau = c H / G . $$
 
 Every step is a convex program with a certified error bound. In the steady state, friction is g(V) on every mesh.
 
-If friction falls (c < 0), a step of the length k has one solution (in uniform shear) if the ratio of softening to
+Now let friction fall (c < 0). Under uniform shear, a step of the length k has one solution if the ratio of softening to
 stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to
 slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period
 (mu_0 - mu_1) P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips on at
@@ -87,7 +87,7 @@ def measure_friction(history):
 
 
 def picture(history):
-    """Draw the sheared pad, and its friction over time for friction that grows and that falls with speed."""
+    """Draw the sheared pad, and friction over time under two laws: one grows with speed, the other falls."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.6), layout="constrained")

@@ -7,7 +7,8 @@ cone program, with bounds from both sides. Three bodies have closed forms.
 
 $$ F = \min(\mu N, \, N W / 2h) . $$
 
-*A block on an incline* of the angle a with the weight G, pushed uphill by a horizontal force, slides at
+*A block on an incline* has the weight G, and the incline the angle a. A horizontal force F pushes the block uphill. It
+slides at
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) . $$
 

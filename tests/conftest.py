@@ -63,7 +63,7 @@ def longer(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip the longer files if only quick tests are selected: collecting them takes a quarter of the tier's time."""
+    """Skip the longer files if only quick tests run: their collection takes a quarter of the time of quick tests."""
     return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
 
 

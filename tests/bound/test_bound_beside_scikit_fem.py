@@ -41,7 +41,7 @@ class Case:
     """Axis and coordinate of the clamped side."""
     loaded: tuple[int, float]
     load: object
-    """Traction as a function of points x (2, ...), which returns two components."""
+    """The traction: a function of points that returns two components."""
     friction: float
     can_lift: bool
     """True if the body can lift off its floor."""
@@ -76,7 +76,7 @@ BRACKET = Case(
 
 
 def fan_triangles(circle):
-    """Return the split fans of all cells as one mesh of scikit-fem."""
+    """Return the triangles of all cells, each split into three, as one mesh of scikit-fem."""
     corners = []
     for fans in (one.fans for one in circle.forms):
         here = fans.corners + fans.centres[:, None]

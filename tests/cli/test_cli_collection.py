@@ -114,7 +114,7 @@ def count_degenerate(program):
 @pytest.mark.long
 @pytest.mark.parametrize("status", ["infeasible", "unbounded"])
 def test_the_script_refuses_a_false_proof(tmp_path, status):
-    """False proofs are a multiplier of the other sign, or a ray in the other direction."""
+    """False proofs are a multiplier of the wrong sign, or a ray in the wrong direction."""
     write_collection(tmp_path, instances=[one for one in choose_small() if one.without == status])
     (row,) = read_manifest(tmp_path)
     assert kind_of(row) == "no optimum"

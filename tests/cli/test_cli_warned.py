@@ -1,4 +1,4 @@
-"""The command line shows each log message once, and logs nothing about its own checks."""
+"""The command line limits the number of log messages of each kind."""
 
 from __future__ import annotations
 

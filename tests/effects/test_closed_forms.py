@@ -86,7 +86,7 @@ def body(request):
 
 
 def assert_close(found, exact):
-    """Check equality up to the rounding of a solve."""
+    """Check equality up to rounding."""
     assert np.abs(found - exact).max() < EXACT * np.abs(exact).max()
 
 

@@ -1,4 +1,4 @@
-"""Errors against closed forms by quadrature, observed orders, and the instants of measures."""
+"""Errors against closed forms, observed orders, and the instants at which runs are compared."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ def test_cells_to_refine_are_given_by_number_or_by_flag():
 @pytest.mark.long
 @pytest.mark.parametrize("make", [vx.meshes.squares, tetrahedra])
 def test_refinement_ends_where_rounding_begins(make):
-    """Refine towards the corner (1, 1): every mesh is valid until an edge is too short, which is an error."""
+    """Refine towards the corner (1, 1): every mesh is valid until an edge is too short; then an error is raised."""
     mesh, message = make(1), ""
     for _ in range(200):
         try:

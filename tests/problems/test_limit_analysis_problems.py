@@ -65,7 +65,7 @@ def test_in_100_cycles_slip_stops_below_the_factor_and_goes_on_above():
         for part in (0.98, 1.02)
     )
     assert len(below) == 100
-    # Slips of the first cycle remain; afterwards there is only rounding.
+    # Only the first cycle slips; the work of later cycles is rounding.
     assert below[0] > 1e-4
     assert below[1:].max() < 1e-10 * below[0]
     assert above[50:] == pytest.approx(above[-1], rel=1e-6)

@@ -90,7 +90,7 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     """u(Q x) = Q u(x) for every rotation and reflection Q, however nodes and cells are numbered.
 
     Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
-    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). It changes
+    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). This changes
 
     - forces A u and f by c = kappa eps (M|u| + |f|); this changes u by |c|_{K^-1} in the energy norm;
     - weights w by kappa eps w. Multiply one answer's multipliers by 1 - kappa eps: they are admissible in the other

@@ -72,7 +72,7 @@ def no_competitor_is_better(case, size, seed):
     """P(d) <= P(c) + G for every c, and |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
 
     G is primal minus dual objective at the stored increment d, so that P(d) - P(d*) <= G by weak duality. The gap of a
-    certificate can be less than G: by theorem 2 it bounds |d - d*|_K, but not P(d) - P(d*). Strong convexity gives
+    certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong convexity gives
     1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G; the second statement is the triangle inequality.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)

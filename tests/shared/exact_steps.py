@@ -145,7 +145,7 @@ def eliminate(matrix, right):
 
 
 class Stuck(Exception):
-    """The error if no sets were found on which all conditions hold."""
+    """Raised if no sets satisfy all conditions."""
 
 
 @dataclass(frozen=True)

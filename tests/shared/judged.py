@@ -154,7 +154,7 @@ def _check_total(drawn, system, t, verdict):
 
 
 def _solve_exactly(exact, before, t, n):
-    """Return the exact state (n,) after step n from the state `before`, or None if it was not found."""
+    """Return the exact state after step n from the state `before`, or None if it was not found."""
     guess = t.state[n] - before, t.multipliers[n].ravel()[: exact.system.B.shape[0]], t.pressures[n]
     try:
         step = exact.step(before, float(t.times[n - 1]), float(t.times[n]), guess, settled=n == 0)

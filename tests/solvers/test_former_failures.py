@@ -29,7 +29,7 @@ def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio)
     exact = 2e-3 / sum(1 / young for young in stiffness.values())
     assert np.abs(history.contact.pressure - exact).max() < 1e-7 * exact
     assert np.abs(history.contact.traction).max() < 1e-7 * exact
-    # `certified`, at most 2e-8 here, would add rounding, which grows with the ratio of the stiffnesses.
+    # `certified` also contains rounding, which grows with the ratio of the stiffnesses.
     assert history.certificate.max() <= 1e-8
 
 

@@ -1,4 +1,4 @@
-"""Friction with a given bound on one-sided contact: it acts everywhere, with a warning, or only at closed nodes."""
+"""Friction with a given bound on one-sided contact acts at closed nodes only, or at all nodes with a warning."""
 
 import warnings
 
@@ -64,7 +64,7 @@ def test_friction_while_closed_needs_pressure():
 
 
 def test_a_node_that_friction_would_open_slides_at_zero_pressure():
-    """Friction w reduces the pressure to .45 - .9 w. Stick needs w = 1, but the pressure is zero at w = 1/2."""
+    """Friction w reduces the pressure to .45 - .9 w. Sticking needs w = 1, but the pressure is zero at w = 1/2."""
 
     def weights(t, p, past, slip):
         return np.minimum(STEEP * p, 2.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -193,6 +194,16 @@ def test_an_error_of_the_problem_is_printed_once(tmp_path):
     assert done.exit_code == 2, done.output
     told = " ".join(done.output.split())
     assert told.count("contradicts its supports at t = 0, by 0.01") == told.count("a mistake") == 1
+
+
+@pytest.mark.long
+def test_a_json_file_has_the_rows(tmp_path):
+    compare("--solvers", "newton,clarabel,direct", "--json", tmp_path / "told.json")
+    told = json.loads((tmp_path / "told.json").read_text())
+    names = [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default"), ("Direct", "own")]
+    assert [(row["solver"], row["settings"]) for row in told["rows"]] == names
+    assert [row["outcome"] for row in told["rows"]][::3] == ["certified", "refused"]
+    assert told["trustworthy"] is True
 
 
 def test_certificates_bound_distances_unless_limits_meet_friction_or_damping():

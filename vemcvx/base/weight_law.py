@@ -7,11 +7,7 @@ holds for this program; its kind is called "for the given friction".
 
 If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
 convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w(q) dq and the weight w(q) at a slip of
-length q. Then the certificate is a bound, because the duality gap for the given friction is at least the gap of this
-program. Proof. Consider one term with the weight w = w(|s|) and the multiplier lam, |lam| <= w. As w(q) does not
-decrease, the conjugate phi*(|lam|) = sup_r (|lam| r - phi(r)) is attained at some r <= |s|, so that
-
-    phi(|s|) + phi*(|lam|) - lam . s = int_r^|s| (w(q) - |lam|) dq + |lam||s| - lam . s <= w |s| - lam . s.  QED
+length q. Then the certificate is a bound: docs/theory/coulomb.md has the proof.
 """
 
 from __future__ import annotations

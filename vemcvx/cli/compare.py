@@ -11,10 +11,12 @@ A certificate is *good* if it is as small as requested, apart from its rounding 
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -27,8 +29,9 @@ from vemcvx.base.table import Table
 from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings
 from vemcvx.cli.problem_file import Posed, read_problem
 from vemcvx.cli.solver_names import NAMES, make_solver
-from vemcvx.cli.terminal import NOT_CERTIFIED, limit_log, parse_list, progress_bar, say
+from vemcvx.cli.terminal import NOT_CERTIFIED, limit_log, parse_list, progress_bar, say, write_text
 from vemcvx.program import System
+from vemcvx.results.files import finite_or_none
 from vemcvx.scene import pose_scene
 from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
@@ -165,6 +168,7 @@ class Compare:
         str, typer.Option(metavar="A,B,...", help="Names of solvers, FILE.py:CLASS, or all for every installed solver.")
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
     settings: Settings = NONE
 
     def __call__(self) -> None:
@@ -190,6 +194,13 @@ class Compare:
             found = judge(system, attempts)
         title = f"{problem.name}: {problem.title}"
         size = f"{posed.mesh.n_cells} cells, {posed.mesh.n_nodes} nodes, {system.n} unknowns, {count_steps(self.steps)}"
+        if self.json is not None:
+            rows = [
+                {key: finite_or_none(x) if isinstance(x, float) else x for key, x in asdict(row).items()}
+                for row in found.rows
+            ]
+            contents = {"problem": title, "size": size, "trustworthy": found.trustworthy, "rows": rows}
+            write_text(self.json, f"{json.dumps(contents, indent=1)}\n", "--json")
         say(in_words(found, title, size))
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)

@@ -21,7 +21,7 @@ from vemcvx.cli.options import File
 from vemcvx.cli.problem_file import execute_file, read_problem, run_user_code
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import check_writable, say, write_text
+from vemcvx.cli.terminal import say, write_text
 
 GIVEN = "VEMCVX_APP"  # The environment variable that passes the problem file to the page.
 PAGE = "live_page.py"
@@ -50,7 +50,6 @@ class App:
         if self.file:
             read_problem(self.file).require("scene")
         if self.html is not None:
-            check_writable(self.html, "--html")
             say(write(self.html, self.step))
         else:
             serve(self.port, self.browser)

@@ -26,7 +26,7 @@ from vemcvx.cli.problem_file import Posed, Problem, is_file, mesh_name, read_pro
 from vemcvx.cli.solver_names import make_linear_solver, make_solver, serve_ranks
 from vemcvx.cli.terminal import INVALID, NOT_CERTIFIED, ShowProgress, progress_bar, say
 from vemcvx.cost import study
-from vemcvx.cost.rows import Row, figures, labels
+from vemcvx.cost.rows import Row, figures, units_of
 from vemcvx.cost.workers import DONE, call_safely
 from vemcvx.cost.workers import NOT_CERTIFIED as MISSED
 from vemcvx.history import History, joined
@@ -128,14 +128,14 @@ class Run:
             study.reserve_files(self.out)
         folders = [self.out and self.out / name for name in study.folder_names(several)]
         runs = [replace(self, settings=list(each), out=out) for each, out in zip(several, folders, strict=True)]
-        rows, words = list[Row](), dict[str, str]()
+        rows, units = list[Row](), dict[str, str]()
         with progress_bar("runs") as show, ThreadPool(self.workers) as threads:
             for row, own in threads.imap(_attempt, runs):
                 rows.append(row)
-                words |= own
+                units |= own
                 show("runs", len(rows), len(runs))
         title = f"{problem.name}: {problem.title}"
-        lines = [title, study.table(rows, chosen, words if problem.units else {}).text(), *study.remarks(rows)]
+        lines = [title, study.table(rows, chosen, units).text(), *study.remarks(rows)]
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out))}, folders of runs")
         say("\n".join(lines))
@@ -254,7 +254,7 @@ def machine_memory() -> float:
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
-    """Run one combination of a study in a new process; return its row and the labels of its figures."""
+    """Run one combination of a study in a new process; return its row and the units of its figures."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
     folder = run.out and status == DONE and str(run.out)
@@ -274,7 +274,7 @@ def _execute(run: Run) -> tuple[Row, dict[str, str]]:
         "unbounded": " ".join(one.key for one in history.extremes if one.unbounded),
         "warnings": list(dict.fromkeys(warned)),
     }
-    return figures(history) | remarks, labels(history, problem.units)
+    return figures(history) | remarks, units_of(history, problem.units) if problem.units else {}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

@@ -53,12 +53,6 @@ def fraction(word: str) -> float:
     return float(word)
 
 
-def check_writable(path: Path, option: str) -> None:
-    """Fail before the work starts if the file cannot be written."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise ProblemError(f"{option}: {path} cannot be written: its folder does not exist, or it is a folder.")
-
-
 def write_text(path: Path, text: str, option: str) -> None:
     """Write the file of an option; raise ProblemError if that fails."""
     try:

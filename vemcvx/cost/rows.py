@@ -14,17 +14,8 @@ from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
 Row = dict[str, Any]  # The values of a run by name; a value that a run does not have is None or missing.
 COUNTS = "sticking", "slipping", "open"
-FORCES = {"reaction": "largest reaction of a boundary", "force": "largest force of contact and springs on a boundary"}
-PLAIN = {
-    "certified": "certified relative energy error of a step",
-    "certified_total": "sum of the certified errors of the steps",
-    "estimated_error": "estimated relative energy error",
-    "steps": "steps",
-    "cells": "cells",
-    "unknowns": "unknowns",
-    "seconds": "seconds",
-    "peak_mb": "peak memory of the process, MB",
-}
+FORCES = "reaction", "force"
+PLAIN = "certified", "certified_total", "estimated_error", "steps", "cells", "unknowns", "seconds", "peak_mb"
 NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
@@ -56,15 +47,12 @@ def figures(history: Results) -> Row:
     }
 
 
-def labels(history: Results, units: Units | None = None) -> dict[str, str]:
-    """Return the labels of the key figures of a run, with their units."""
-    energy = in_units("energy", units)
+def units_of(history: Results, units: Units) -> dict[str, str]:
+    """Return the units of the key figures of a run that have a unit."""
     return {
-        **{name: f"{name.replace('_second_order', ', of second order')}\n({energy})" for name in ENERGIES},
-        **{one.key: f"{one.name}\n({in_units(one.unit, units)})" for one in history.extremes},
-        **{name: f"{words}\n({in_units('force', units)})" for name, words in FORCES.items()},
-        **{name: f"nodes that are {name} at the largest energy" for name in COUNTS},
-        **PLAIN,
+        **dict.fromkeys(ENERGIES, in_units("energy", units)),
+        **{one.key: in_units(one.unit, units) for one in history.extremes},
+        **dict.fromkeys(FORCES, in_units("force", units)),
     }
 
 

@@ -43,10 +43,10 @@ def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 
-def table(rows: Sequence[Row], chosen: Sequence[str], labels: Mapping[str, str]) -> Table:
+def table(rows: Sequence[Row], chosen: Sequence[str], units: Mapping[str, str]) -> Table:
     """Return the table of a study: varying settings, chosen results with their units, and a remark if a run failed."""
     several, found, cells = varying(rows), find_results(rows, chosen), []
-    heads = ["\n".join([*name.split("_"), *labels.get(name, "").split("\n")[1:]]) for name in found]
+    heads = ["\n".join([*name.split("_"), *([f"({units[name]})"] if name in units else [])]) for name in found]
     for row in rows:
         values = ["-" if (value := row.get(name)) is None else f"{value:.5g}" for name in found]
         end = row["status"] if row["status"] != DONE else "target not met" * (row["met"] is False)

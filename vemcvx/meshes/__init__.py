@@ -1,15 +1,16 @@
 """Meshes of polygons in the plane and of polyhedra in space: families, bodies, refinement, files, other libraries."""
 
+from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles
 from vemcvx.meshes.families.space import cubes, prisms, tetrahedra
 from vemcvx.meshes.families.voronoi import kelvin, voronoi, voronoi3
-from vemcvx.meshes.halves import cut
 from vemcvx.meshes.interfaces import Interface
+from vemcvx.meshes.io.objects import convert
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygon_mesh import plane_mesh as plane_mesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-from vemcvx.meshes.reading import convert, read
+from vemcvx.meshes.reading import read
 from vemcvx.meshes.several_bodies import bodies
 
 FAMILIES = {

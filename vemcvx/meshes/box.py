@@ -22,6 +22,7 @@ from vemcvx.base.arrays import (
     read_only,
 )
 from vemcvx.base.errors import MeshError
+from vemcvx.base.outline import coordinates
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
@@ -89,12 +90,8 @@ def check_whole(name: str, value: Any, least: int = 1) -> int:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the number of cells along each axis, at least 1, from the argument `n` or `size` of a mesh family.
-
-    Cells of the mesh family are `stretch` times as wide as squares of the same area. `each` is the largest number of
-    cells into which the family splits one square or cube.
-    """
-    if is_list(n) and size is None:
+    """Return the number of cells along each axis; cells are `stretch` times as wide as squares, `each` in a square."""
+    if (isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
         if len(n) != len(names):
             raise MeshError(f"n must be a whole number or ({', '.join(names)}); got {brief(n)}.")
@@ -104,11 +101,6 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
         counts = [max(1, round(along)) for along in (along_x / stretch, along_y * stretch, *above)]
     check_total(each * math.prod(counts))
     return tuple(counts)
-
-
-def is_list(n: object) -> bool:
-    """Return True if n lists the numbers of cells axis by axis."""
-    return isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
@@ -155,12 +147,9 @@ def check_name(name: object, what: str = "part of the boundary") -> str:
 
 def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
     """Return a mask (m,) of the parts that a predicate selects by their midpoints or centroids (m, dim)."""
-    name = check_name(name)
-    m, dimension = places.shape
+    name, m = check_name(name), len(places)
     middles = {"edges": "midpoints", "faces": "centroids"}[parts]
-    wanted = (
-        f"take all {middles} ({m}, {dimension}) at once and return a boolean for each, as lambda x: x[:, 0] < 0.5 does"
-    )
+    wanted = f"take all {middles} {places.shape} at once and return a boolean for each, like lambda x: x[:, 0] < 0.5"
     failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
     chosen = _array(call_function(predicate, (places,), failed, wanted))
     if chosen.shape != (m,) or chosen.dtype != bool:
@@ -168,11 +157,10 @@ def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
             f"boundary {name!r}: the predicate must {wanted}; it returned {chosen.dtype} of shape {chosen.shape}."
         )
     if not chosen.any():
-        low, high = places.min(axis=0), places.max(axis=0)
-        extent = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+        low, high = (coordinates(corner, 6) for corner in (places.min(axis=0), places.max(axis=0)))
         raise MeshError(
-            f"boundary {name!r}: the predicate selects none of the {m} boundary {parts}; their {middles} lie in "
-            f"{extent}."
+            f"boundary {name!r}: the predicate selects none of the {m} boundary {parts}; their {middles} lie between "
+            f"{low} and {high}."
         )
     return chosen
 

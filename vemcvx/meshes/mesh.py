@@ -273,12 +273,6 @@ class Mesh(ABC):
             of boundary faces). It returns a mask, bool (m,).
         of : str, optional
             Name of a boundary or interface; the predicate then gets only midpoints or centroids of this part.
-
-        Raises
-        ------
-        MeshError
-            The name is reserved or belongs to an interface; the predicate returns no mask or selects nothing; or there
-            is no boundary `of`.
         """
         if of is not None and not (isinstance(of, str) and of in self.boundaries):
             known = ", ".join(map(repr, self.boundaries))
@@ -339,8 +333,7 @@ class Mesh(ABC):
         Raises
         ------
         MeshError
-            The sides have a cell in common, or no common edge or face; all nodes of an edge or face would be crack
-            tips; or the name is taken.
+            The sides have no common edge or face, or all nodes of an edge or face would be crack tips.
         """
         from vemcvx.meshes.cracks import open_crack
 

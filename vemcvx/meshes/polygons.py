@@ -234,7 +234,6 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
     if not len(low) or not len(tree_low):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    # the two coordinates in which the boxes of the tree extend farthest
     u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
     boxes = shapely.box(tree_low[:, u], tree_low[:, v], tree_high[:, u], tree_high[:, v])
     i, j = shapely.STRtree(boxes).query(shapely.box(low[:, u], low[:, v], high[:, u], high[:, v]))

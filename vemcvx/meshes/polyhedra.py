@@ -130,8 +130,7 @@ def _divide_rows(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Outward faces of cells. Vertices of a cell are numbered around the bottom, counter-clockwise seen from above, and then
-# in the same order around the top (or: the apex).
+# outward faces; vertices are numbered around the bottom, counter-clockwise seen from above, and then around the top
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),

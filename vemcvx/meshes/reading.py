@@ -1,4 +1,4 @@
-"""Meshes from files and from objects of other libraries."""
+"""Meshes from files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from vemcvx.base.errors import MeshError
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import faces_of
 from vemcvx.meshes.io.files import load, load_bodies
-from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.several_bodies import join
 
@@ -91,30 +90,3 @@ def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: se
                 found.setdefault(side, set()).update(first[pieces].tolist())
         start += len(own._boundary)
     return found
-
-
-def convert(other: Any) -> PolygonMesh | Any:
-    """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
-
-    Parameters
-    ----------
-    other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Cell sets of lines (in space: polygons), physical groups and named boundaries name the boundaries. Subdomains
-        and sets of other cells become cell data of 0 and 1.
-
-    Returns
-    -------
-    PolygonMesh or PolyhedralMesh
-        The checked mesh, with the warnings of :func:`read`.
-
-    Raises
-    ------
-    MeshError
-        ``other`` is no such object, or not a valid mesh.
-
-    Examples
-    --------
-    >>> vx.meshes.convert(vx.meshes.squares(4).to("meshio")).n_cells
-    16
-    """
-    return from_object(other)

@@ -208,7 +208,11 @@ def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
     """Return interfaces by name; `sides` are those of :func:`coinciding_sides`."""
-    named = _check_names(interfaces, names)
+    named = {}
+    for name, given in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
+        are_two = isinstance(given, (tuple, list)) and len(given) == 2
+        pair = tuple(map(str, given)) if are_two else (brief(given),)
+        named[frozenset(pair)] = check_name(name), pair
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}
     for a, b in np.unique(np.column_stack([first, second]), axis=0):
@@ -217,32 +221,16 @@ def _by_name(
         name, pair = named.get(frozenset(own), ("|".join(own), own))
         if pair != own:
             edges, partners = partners[:, ::-1], edges[:, ::-1]  # the first body is left of its edges
-        found[name] = Interface(pair, edges, partners)
-    for name, (a, b) in named.values():
+        found[name] = Interface((pair[0], pair[1]), edges, partners)
+    for name, pair in named.values():
         if name not in found:
             there = ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
             raise MeshError(
-                f"bodies: interface {name!r} is to join {a!r} and {b!r}, whose boundaries do not coincide. Interfaces: "
-                f"{there or 'none'}. Bring the bodies together, or give a larger tolerance=."
+                f"bodies: interface {name!r} is to join {' and '.join(map(repr, pair))}, which are no two bodies whose "
+                f"boundaries coincide. Interfaces: {there or 'none'}. Bring the bodies together, or give a larger "
+                "tolerance=."
             )
     return found
-
-
-def _check_names(
-    interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
-) -> dict[frozenset[str], tuple[str, tuple[str, str]]]:
-    """Return frozenset of two bodies -> (name of the interface, (first body, second body)), or raise MeshError."""
-    named: dict[frozenset[str], tuple[str, tuple[str, str]]] = {}
-    for name, pair in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
-        check_name(name)
-        given = tuple(pair) if isinstance(pair, (tuple, list)) else ()
-        if len(given) != 2 or not all(isinstance(one, str) and one in known for one in given) or given[0] == given[1]:
-            raise MeshError(
-                f"bodies: interface {name!r} must be between two of the bodies {', '.join(map(repr, known))}; got "
-                f"{brief(pair)}."
-            )
-        named[frozenset(given)] = name, given
-    return named
 
 
 def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:

@@ -104,7 +104,7 @@ def list_of(given: Any, wanted: str) -> list[Any]:
         raise MeshError(f"{wanted}; got {type(given).__name__}.") from None
 
 
-def lay_flat(rows: list[Any], name: Name, hint: str = "") -> tuple[Ints, Ints]:
+def lay_flat(rows: list[Any], name: Name) -> tuple[Ints, Ints]:
     """Return offsets and entries of rows of whole numbers, or raise MeshError."""
     flat, counts = None, np.zeros(len(rows), dtype=np.int64)
     with contextlib.suppress(Exception):  # rows may have other shapes or no numbers
@@ -114,7 +114,7 @@ def lay_flat(rows: list[Any], name: Name, hint: str = "") -> tuple[Ints, Ints]:
         for number, made in enumerate(map(plain, rows)):
             if made is None or made.ndim != 1 or (made.dtype.kind not in "iu" and made.size):
                 found = type(rows[number]).__name__ if made is None else f"{made.dtype} of shape {made.shape}"
-                raise MeshError(f"{name(number)} must be a list of node numbers; got {found}.{hint}")
+                raise MeshError(f"{name(number)} must be a list of node numbers; got {found}.")
         flat = np.concatenate(list(map(np.ravel, rows)), dtype=np.int64, casting="unsafe")
     return offsets_of(counts), flat
 

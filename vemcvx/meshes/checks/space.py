@@ -53,14 +53,10 @@ def check_polyhedral_mesh(
 def _list_faces(cells: Any) -> FaceLists:
     """Return the given faces of cells as flat arrays, or raise MeshError."""
     wanted = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
-    hint = (
-        " For tetrahedra, hexahedra, wedges and pyramids given by their vertices, use "
-        'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
-    )
     rows = [plane.list_of(cell, wanted) for cell in plane.list_of(cells, wanted)]
     cell_offsets = offsets_of(np.array(list(map(len, rows)), dtype=np.int64))
     faces = list(chain.from_iterable(rows))
-    return FaceLists(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets), hint), cell_offsets)
+    return FaceLists(*plane.lay_flat(faces, lambda face: _face(face, cell_offsets)), cell_offsets)
 
 
 def _check_lists(listed: FaceLists, n_nodes: int) -> None:

@@ -69,9 +69,7 @@ def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# Cubes split into six tetrahedra about the diagonal from the lowest to the highest corner. For each order of the axes,
-# one tetrahedron has the vertices of the path from the lowest corner along the first axis, then the second, then the
-# third (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518-524). Tetrahedra of neighbouring cubes share whole faces.
+# six tetrahedra about the diagonal from the lowest corner to the highest (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
 """Rows: corners of a tetrahedron, numbered as in `cube_grid`; seen from the last, the others run counter-clockwise."""
 

@@ -56,10 +56,9 @@ def cells_of(mesh: Any) -> Grid:
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Add the physical groups of cells to a grid as named sets; a group without a name is named by its number.
+    """Add physical groups to a grid as named sets; `numbers` (k,) are groups of cells (entities, with `groups`).
 
-    `numbers` (k,) has the group of each cell, 0 for none. But if `groups` (entity -> its groups) is given, `numbers`
-    has the entity of each cell. The cell datum "gmsh:physical" gets the first group of each cell.
+    The cell datum "gmsh:physical" gets the first group of each cell.
     """
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)

@@ -106,15 +106,8 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
     return mesh
 
 
-# From a mesh to a grid.
-
-
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the cells of a mesh as a grid; `data` adds the cell data, and `sides` the named boundaries.
-
-    In space, list the vertices of each cell, and raise MeshError if a cell is not a tetrahedron, hexahedron, wedge or
-    pyramid. With `polyhedra`, list the faces of each cell instead.
-    """
+    """Return the cells of a mesh as a grid; without `polyhedra`, refuse solids that VTK does not list by vertices."""
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
@@ -173,9 +166,6 @@ def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Int
         kinds.append(kind)
         rows.append([*bottom, *dict.fromkeys(ends[0] for ends in up)])
     return np.array(kinds), offsets_of(np.array(list(map(len, rows)))), np.concatenate(rows)
-
-
-# From a grid to a mesh.
 
 
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:

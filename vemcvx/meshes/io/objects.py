@@ -103,8 +103,30 @@ LIBRARIES = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}
 MESHES = {("meshio", "Mesh"), ("skfem", "Mesh"), ("pyvista", "DataSet")}
 
 
-def from_object(other: Any) -> AnyTessellation:
-    """Return the mesh in an object: see :func:`vemcvx.meshes.convert`."""
+def convert(other: Any) -> AnyTessellation | Any:
+    """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
+
+    Parameters
+    ----------
+    other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
+        Cell sets of lines (in space: polygons), physical groups and named boundaries name the boundaries. Subdomains
+        and sets of other cells become cell data of 0 and 1.
+
+    Returns
+    -------
+    PolygonMesh or PolyhedralMesh
+        The checked mesh, with the warnings of :func:`read`.
+
+    Raises
+    ------
+    MeshError
+        ``other`` is no such object, or not a valid mesh.
+
+    Examples
+    --------
+    >>> vx.meshes.convert(vx.meshes.squares(4).to("meshio")).n_cells
+    16
+    """
     kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(other).__mro__}
     if not kinds & MESHES:
         raise MeshError(

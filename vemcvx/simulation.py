@@ -346,7 +346,7 @@ def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
         raise SceneError("initial: the history is on another mesh; a stage continues a run on the same mesh.")
     at = contact.rows_of(terms)
     several = np.bincount(at[at >= 0], minlength=len(contact.nodes))
-    if several.max(initial=0) > 1 and posed.system.norms is not None and posed.system.norms.remembers:
+    if several.max(initial=0) > 1 and posed.system.norms is not None and posed.system.norms.rule.slips:
         place = coordinates(contact.points[int(several.argmax())])
         raise SceneError(
             f"initial: several friction terms act at {place}, and their law depends on the slip of each, but the "

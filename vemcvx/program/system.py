@@ -41,6 +41,7 @@ from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, chec
 
 DRAG_ROUNDING = 16 * EPS
 """A support's slip in a step counts as zero if it is at most this fraction of the support's positions."""
+CONSTANT = Law(lambda t, p, past, slip: 0.0, softening=np.zeros(1), slips=False)
 
 
 class Rows(ArrayRecord):
@@ -125,30 +126,19 @@ class Norms(Rows):
         return int(self.B.shape[0]) // self.block
 
     @property
-    def sloped(self) -> bool:
-        """True if the law has a derivative with respect to the forces of limits."""
-        return self.law is not None and self.law.slope is not None
-
-    @property
-    def remembers(self) -> bool:
-        """True if weights depend on slips."""
-        return self.law is not None and self.law.slips
-
-    @property
-    def reads_rates(self) -> bool:
-        """True if weights depend on slip rates."""
-        return self.law is not None and self.law.rates
+    def rule(self) -> Law:
+        """The law, or without one a law that depends on nothing."""
+        return self.law or CONSTANT
 
     @property
     def is_monotone(self) -> bool:
         """True if weights neither depend on forces of limits, nor fall as slips of the step grow."""
-        law, softening = self.law, self.softening
-        return law is None or not (law.pressed or softening is None or softening.any())
+        return not (self.rule.pressed or self.softening is None or self.softening.any())
 
     @property
     def softening(self) -> Floats | None:
         """The largest decrease (m,) of weights per unit of slip or of slip rate; None if unknown."""
-        known: Any = None if self.law is None else self.law.softening
+        known: Any = self.rule.softening
         return known
 
     def weights(self, t: float) -> Floats:
@@ -369,8 +359,6 @@ class System(ArrayRecord):
         for name, matrix in columns.items():
             if matrix.shape[1] != self.n:
                 raise SceneError(f"System: found {name} over {matrix.shape[1]} unknowns, but K has {self.n}.")
-        if self.order is not None and not callable(self.order):
-            object.__setattr__(self, "order", self._permutation(self.order))
         if self.near_kernel is not None:
             wanted = f"({self.n}, k) motions of little energy, one per column"
             found = as_real_array(self.near_kernel, "System: near_kernel", wanted)
@@ -398,13 +386,6 @@ class System(ArrayRecord):
                 f"System: a motion of K's kernel ({', '.join(kernel.names)}) moves no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that resist it."
             )
-
-    def _permutation(self, raw: ArrayLike) -> Ints:
-        wanted = f"a permutation of the {self.n} unknowns, or None"
-        order = as_real_array(raw, "System: order", wanted)
-        if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(self.n)):
-            raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
-        return order.astype(np.int64)
 
     @property
     def n(self) -> int:
@@ -436,7 +417,7 @@ class System(ArrayRecord):
     def reads_rates(self) -> bool:
         """True if weights of norm terms or dragged terms depend on slip rates."""
         dragged = self.dragged is not None and self.dragged.rates
-        return dragged or (self.norms is not None and self.norms.reads_rates)
+        return dragged or (self.norms is not None and self.norms.rule.rates)
 
     @property
     def dashpots(self) -> Floats:
@@ -486,11 +467,16 @@ class System(ArrayRecord):
 
     def elimination_order(self) -> Ints | None:
         """Return the order of elimination (n,); None if none is given."""
-        if not callable(self.order):
-            return self.order
-        return self._permutation(
-            call_function(self.order, (), "System: order: its function failed", "return a permutation")
-        )
+        raw = self.order
+        if callable(raw):
+            raw = call_function(raw, (), "System: order: its function failed", "return a permutation")
+        if raw is None:
+            return None
+        wanted = f"a permutation of the {self.n} unknowns, or None"
+        order = as_real_array(raw, "System: order", wanted)
+        if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(self.n)):
+            raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
+        return order.astype(np.int64)
 
     def force(self, t: float) -> Floats:
         """Return the load vector (n,) at the instant `t`, checked."""

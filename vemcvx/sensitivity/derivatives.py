@@ -383,8 +383,8 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
     for n in range(0 if history.begins == "settled" else 1, len(errors)):
         delassus, force = measure(run.frame(float(at.k[n])))
         u, x = delassus.u, np.append(at.lam[n, : count // block], at.p[n]) / delassus.u
-        law = Weights(at.w[n], system.norms if system.follows_answer else None, t=float(found.times[n]))
-        law = law.in_units(u[:count:block], u[count:])
+        norms, units = system.norms if system.follows_answer else None, (u[:count:block], u[count:])
+        law = Weights(at.w[n], norms, float(found.times[n]), term_units=units[0], limit_units=units[1])
         point = Point(x, u * np.append(at.slips[n, :count], at.excess[n]), np.zeros(0), np.zeros(0))
         sets, (lam, p) = ActiveSets.at(delassus, point, law), delassus.split(x)
         slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()

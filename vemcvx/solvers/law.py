@@ -7,7 +7,7 @@ solution also solves the convex program with the constant weights w(p*, |s*|).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -46,11 +46,7 @@ class Weights:
     @property
     def reads_slip(self) -> bool:
         """True if weights may depend on the slip of the step; False if the law defines dw/dp."""
-        return self.norms is not None and self.norms.remembers and not self.norms.sloped
-
-    def in_units(self, term_units: Floats, limit_units: Floats) -> Weights:
-        """Return the same weights in other units."""
-        return replace(self, term_units=term_units, limit_units=limit_units)
+        return self.norms is not None and self.norms.rule.slips and self.norms.rule.slope is None
 
     def at(self, p: Floats, slip: Floats) -> Floats:
         """Return weights (m,) under limit forces p (r,) and slips (m,)."""
@@ -63,7 +59,7 @@ class Weights:
 
     def _measure(self, slip: Floats) -> Floats:
         """Return slips (m,) in the step, or their rates if weights use rates; rates are zero at the initial instant."""
-        if self.norms is None or not self.norms.reads_rates:
+        if self.norms is None or not self.norms.rule.rates:
             return slip
         return slip / self.k if self.k > 0.0 else np.zeros_like(slip)
 
@@ -76,24 +72,24 @@ class Weights:
             return sp.csr_matrix(sp.diags_array(1.0 / self.term_units) @ J @ sp.diags_array(self.limit_units)), None
         if not self.reads_slip:
             return None, None
-        past = np.zeros(1) if self.norms.reads_rates else self.past * self.term_units
+        past = np.zeros(1) if self.norms.rule.rates else self.past * self.term_units
         more = RELATIVE_STEP * max(slip.max(initial=0.0), past.max(initial=0.0)) or RELATIVE_STEP
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
         """Raise SceneError if weights fall faster with slip than `softening`, or depend on slip although J is given."""
         norms = self.norms
-        if norms is None or not norms.remembers or ((softening := norms.softening) is None and not norms.sloped):
+        if norms is None or not norms.rule.slips or (norms.softening is None and norms.rule.slope is None):
             return
         slip = self._measure(slip)
-        rate = 0.0 if softening is None else softening
+        rate = 0.0 if norms.softening is None else norms.softening
         slips = [fraction * slip for fraction in SLIP_FRACTIONS]
         weights = [norms.weights_under(self.t, np.maximum(p, 0.0), self.past, s) for s in slips]
         for (s, w), (more, own) in pairwise(zip(slips, (np.where(w == np.inf, 0.0, w) for w in weights), strict=True)):
-            change = np.abs(own - w) if norms.sloped else w - own - rate * (more - s)
+            change = np.abs(own - w) if norms.rule.slope is not None else w - own - rate * (more - s)
             off = change - SAME * (np.maximum(own, w) + rate * (self.past + more))
             if (off > 0).any():
-                i, what = int(np.argmax(off)), "slip rate" if norms.reads_rates else "slip"
+                i, what = int(np.argmax(off)), "slip rate" if norms.rule.rates else "slip"
                 raise SceneError(
                     f"friction: at {norms.name(i)}, in the step to t = {self.t:.6g}, the {what} {more[i]:.6g} instead "
                     f"of {s[i]:.6g} changes the weight from {w[i]:.6g} to {own[i]:.6g}. A law with `slope=` must "

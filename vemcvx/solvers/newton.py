@@ -348,7 +348,8 @@ class PreparedNewton:
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
         """Solve a step from a point, first on the active sets of the point if `near`, else with the last system."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
-        own = law.in_units(delassus.u[: rows : program.operators.block], delassus.u[rows:])
+        u = delassus.u
+        own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])
         search = Search(delassus, own, self.most)
         # Discard the last system if a term that slips in it has an infinite weight in this step.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None

@@ -154,7 +154,7 @@ class PosedStep:
         given = program.operators.blocks(now.prescribed_slip - before.data.prescribed_slip)
         weights, norms, y = np.append(program.w, w), run.system.norms, before.y + d
         bound = program.w
-        if norms is not None and norms.remembers and not norms.reads_rates:
+        if norms is not None and norms.rule.slips and not norms.rule.rates:
             bound = norms.weights_under(now.t, answer.p, before.ledger.slipped[:m] + lengths(slip))
         after = State(
             t=now.t,

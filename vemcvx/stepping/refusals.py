@@ -107,7 +107,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 
 def refuse_floating_rates(system: System) -> None:
     """Raise SceneError if only friction that depends on slip rates holds a body: errors of forces would alter slips."""
-    if system.kernel is not None and system.norms is not None and system.norms.reads_rates:
+    if system.kernel is not None and system.norms is not None and system.norms.rule.rates:
         raise SceneError(
             "friction: found a law of slip rates, but nothing except friction and contact holds the body against "
             f"{' and '.join(system.kernel.names)}. Add a support, or weak springs (ElasticFoundation)."
@@ -138,7 +138,7 @@ def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> No
         return
     rho, worst = np.inf, int(np.argmax(softening))
     if operators.kernel is None:
-        root = np.repeat(np.sqrt(softening / (shortest if norms.reads_rates else 1.0)), block)
+        root = np.repeat(np.sqrt(softening / (shortest if norms.rule.rates else 1.0)), block)
         rows = root[:, None] * operators.B.toarray()
         M = rows @ operators.factor.solve(np.ascontiguousarray(rows.T))
         value, vector = eigh(0.5 * (M + M.T), subset_by_index=[len(M) - 1, len(M) - 1])

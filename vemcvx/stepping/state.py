@@ -51,8 +51,6 @@ from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
 """Rounding error of |u|_a = sqrt(2 E), relative to the root of the largest term of E; terms may cancel."""
-MAX_STEP_LENGTHS = 4
-"""Largest number of step lengths for which factors are stored in runs with dashpots."""
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 """Range of energy norms. Outside this range, squares of norms, or the much smaller gaps, overflow or underflow."""
@@ -145,9 +143,8 @@ class PreparedRun:
             K = system.K if system.damping is None else sp.csr_matrix(system.K + system.damping.C / k)
             limits = None if system.limits is None else system.limits.of_step(k)
             alone = replace(system, K=K, damping=None, motion=None, limits=limits)
+            self.viscous.clear()  # Factors are large: keep one step length.
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
-            if len(self.viscous) > MAX_STEP_LENGTHS:
-                del self.viscous[next(iter(self.viscous))]
         return self.viscous[key]
 
 

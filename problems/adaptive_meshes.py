@@ -3,16 +3,18 @@
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
 There are two scenes. Stresses of the paper's scene (`feng_han_huang.py`) are singular where supports meet loads. An
-L-shaped bracket also has a singular re-entrant corner. The true error is the distance of projected displacements from a
-reference run, in the energy norm. The mesh of the reference is the finest adaptive mesh, refined until it is nowhere
-coarser than the finest uniform mesh. Then the cells that the estimator marks are refined, twice.
+L-shaped bracket also has a singular re-entrant corner. The true error is the distance, in the energy norm, between the
+projected displacements of a run and of a reference run. The mesh of the reference run begins as the finest adaptive
+mesh. It is refined until it is nowhere coarser than the finest uniform mesh. Then the cells that the estimator marks
+are refined twice.
 
-An adaptive run starts from a coarse mesh and one time step; its seconds are the time of all passes. We try several
-targets for each uniform run. Of the adaptive runs that are at least as accurate as the uniform run, the table has the
-run with the fewest unknowns. The column "limit" has the number of cells of the best mesh without stretched cells,
-divided by the number of uniform cells. Suppose that the error e_K of a cell of the area |K| satisfies e_K^2 = c |K|^2,
-where c is a function of the place. The sum of all e_K is then the integral of sqrt(c), the same on every mesh. The best
-mesh has equal e_K, so that sides are proportional to c^(-1/4). If its error is E, it has (sum e_K)^2 / E^2 cells.
+An adaptive run starts from a coarse mesh and one time step; the table has the seconds of all its passes. We try several
+targets for each uniform run. The table has the adaptive run with the fewest unknowns among those that are at least as
+accurate as the uniform run. The column "limit" has the number of cells of the best mesh, divided by the number of
+uniform cells. The best mesh has no stretched cells, and all of its cells have the same error. Suppose that a cell of
+the area |K| has the error e_K = sqrt(c) |K|, where c is a function of the place. The sum S of all e_K is then the
+integral of sqrt(c) on every mesh. The best mesh of n cells has the errors e_K = S / n and the total error
+E = S / sqrt(n), so that n = S^2 / E^2.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ TRIES = 7
 class Study:
     """A scene, and the function `mesh(n)` that meshes it with n squares per unit of length.
 
-    `coarse` is the n of the first adaptive mesh, `sizes` has the n of uniform meshes.
+    The first adaptive mesh is `mesh(coarse)`; the uniform meshes are `mesh(n)` for n in `sizes`.
     """
 
     name: str
@@ -86,7 +88,7 @@ def run_adaptive(study, target):
 def reference(study, run, n):
     """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`.
 
-    Then the cells with the largest estimated errors are refined, twice.
+    Then the cells with the largest estimated errors are refined twice.
     """
     mesh, h = run.history.mesh, study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
@@ -102,7 +104,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Return the adaptive run with the fewest unknowns that is as accurate as `beside`, and its `vx.adapt` result."""
+    """Return the smallest adaptive run that is as accurate as the uniform run `beside`, and its `vx.adapt` result."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -118,9 +120,9 @@ def match_error(study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the number of cells of the best mesh of unstretched cells, divided by the number of uniform cells.
+    """Return the number of cells of the best mesh, divided by the number of uniform cells.
 
-    Both meshes have the same error. Errors of cells are taken from the adaptive `run`, which resolves singular points.
+    Errors of cells are taken from the adaptive `run`, which resolves singular points.
     """
     return float(run.true.cells.sum() ** 2 / beside.true.absolute**2 / beside.history.mesh.n_cells)
 
@@ -130,7 +132,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return uniform runs; the two finest, each with its `match_error` result; adaptive runs; and the reference."""
+    """Return the uniform runs, pairs of uniform and adaptive runs, all adaptive runs, and the reference run."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

@@ -1,17 +1,17 @@
 r"""A cantilever bent by a force until its end meets a stop: from then on it is a propped beam.
 
-The beam (0, L) x (0, H) is in plane stress with nu = 0 and clamped at x = 0. The force P t acts on its top at x = L/2,
-and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory with I = H^3 / 12, G = E / 2 and the
-shear factor 5/6 of a rectangle, a force P in the middle or R at the end deflects the end by
+The beam (0, L) x (0, H) is in plane stress and clamped at x = 0, with Young's modulus E and nu = 0. The force P t acts
+on its top at x = L/2, and a stop lies below its end at the distance `gap`. Timoshenko's beam theory has I = H^3 / 12,
+G = E / 2 and the shear factor 5/6 of a rectangle. A force P in the middle, or a force R at the end, deflects the end by
 
 $$
 \text{under } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
 \text{under } R \text{ upwards}: \qquad R (L^3 / (3 E I) + L / k).
 $$
 
-The beam meets the stop when the first deflection equals the gap. From then on the force R of the stop keeps the end at
-the stop. Without shear deformation, R is 5/16 of the part of P t that exceeds the load of first contact. The point
-force acts on one node: beam theory does not hold within about H of this node.
+The beam meets the stop when P t deflects its end by the gap. From then on the force R of the stop keeps the end at the
+stop. Without shear deformation, R is 5/16 of the load that is added after first contact. The point force acts on one
+node: beam theory does not hold within about H of this node.
 
     vemcvx run problems/beam_on_a_stop.py --n 8 --steps 12 --plot
 """
@@ -70,7 +70,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the beam on its stop, and the force of the stop and the deflection of the end over the load."""
+    """Draw the beam on its stop. Two graphs have the force of the stop and the deflection of the end, over the load."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

@@ -1,17 +1,17 @@
 r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
 A large plate (plane strain, E1, nu1) with a bonded round fibre of radius R (E2, nu2) is under the tension S along
-x. With kappa = 3 - 4 nu and the ratio m = mu2 / mu1 of shear moduli, the potentials of `plate_with_hole.py` give the
-solution in the matrix, with the constants
+x. Let m = mu2 / mu1 be the ratio of shear moduli, kappa1 = 3 - 4 nu1 and kappa2 = 3 - 4 nu2. The solution in the matrix
+has the potentials of `plate_with_hole.py`, with the constants
 
 $$
-a = S R^2 / 2 (1 - m) / (1 + m \kappa_1), \qquad b = R^2 (2 d - S / 2), \qquad c = a R^2, \\
-d = m S (\kappa_1 + 1) / (4 (\kappa_2 - 1 + 2 m)),
+d = \frac{m S (\kappa_1 + 1)}{4 (\kappa_2 - 1 + 2 m)}, \qquad a = \frac{S R^2 (1 - m)}{2 (1 + m \kappa_1)}, \qquad
+b = R^2 (2 d - S / 2), \qquad c = a R^2 .
 $$
 
-and at every point of the fibre sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1),
-sigma_xy = 0 (Goodier, Trans. ASME 55, 1933; Eshelby 1957 for all ellipses; m = 0 is Kirsch's hole). The mesh ends at
-r = 4 R, where the displacement of this solution is prescribed. The middle of the fibre is one polygon of 4n sides.
+At every point of the fibre sigma_xx + sigma_yy = 4 d, sigma_yy - sigma_xx = -S m (1 + kappa1) / (1 + m kappa1) and
+sigma_xy = 0 (Goodier, Trans. ASME 55, 1933). The mesh ends at r = 4 R, where the displacement of this solution is
+prescribed. The middle of the fibre is one polygon of 4n sides.
 
     vemcvx run problems/circular_inclusion.py --n 6 --steps 1 --plot
 """
@@ -27,7 +27,7 @@ SMALL = {"n": 12, "steps": 1}
 
 
 def constants(fibre=FIBRE):
-    """Return a, b, c, and the uniform stress (3,) of the fibre."""
+    """Return a, b, c, and the uniform stresses xx, yy, xy of the fibre."""
     mu1, mu2 = (E / (2 * (1 + nu)) for E, nu in (MATRIX, fibre))
     kappa1, kappa2 = 3 - 4 * MATRIX[1], 3 - 4 * fibre[1]
     m = mu2 / mu1
@@ -57,7 +57,7 @@ def scene(fibre_young=FIBRE[0], fibre_poisson=FIBRE[1]):
 
 
 def mesh(n, family="ring"):
-    """Return 4n sectors between circles, one of which is the interface, and a polygon in the middle."""
+    """Return a polygon of 4n sides in rings of 4n cells; one circle between rings is the interface."""
     ratio = np.exp(np.pi / (2 * n))
     inside = np.linspace(0.25, 1.0, max(2, round(0.75 * n * 2 / np.pi)) + 1) * RADIUS
     beyond = np.geomspace(RADIUS, REACH, max(2, round(np.log(REACH / RADIUS) / np.log(ratio))) + 1)

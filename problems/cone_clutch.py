@@ -1,17 +1,17 @@
 r"""A plug in a conical socket, pressed from all sides and twisted: the torque at which the joint slips.
 
-The joint is the part R_1 < r < R_2 of a cone whose side leans by alpha from the axis. Both bodies have the same
-material. Up to t = 1 the pressure p presses all sides: the rim of the socket and the top of the plug are displaced by
--(p (1 - 2 nu) / E) x, and p acts on all other sides. The stress is -p I in both bodies, whatever the shape of the
-joint. Then the top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation
-of round bodies does not change the pressure, and nodes slip in circles. The torque of full slip is
+The joint is the part of a cone between the radii R_1 and R_2; the side of the cone leans by the angle alpha from the
+axis. Both bodies have Young's modulus E and Poisson's ratio nu. Up to t = 1, a pressure rises to p on all sides, so
+that the stress is -p I in both bodies, whatever the shape of the joint. On the rim of the socket and the top of the
+plug, the displacement -(p (1 - 2 nu) / E) x of this stress is prescribed in place of the pressure. Then the top of the
+plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round bodies does not
+change the pressure, and nodes slip in circles. With the coefficient of friction mu, the torque of full slip is
 
-$$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha, $$
+$$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha . $$
 
-the torque of a cone clutch under uniform pressure (Shigley, *Mechanical Engineering Design*, 16-9, with the axial force
-p pi (R_2^2 - R_1^2)). Both bodies have 4n sectors: otherwise corners of one polygon would lie off the sides of the
-other polygon, and wedge the rotating joint. The layers of the two bodies do not match. The pressure at all nodes is p
-with a relative error below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons
+A cone clutch under uniform pressure has this torque (Shigley, *Mechanical Engineering Design*, 16-9). Both bodies have
+4n sectors, so that their polygons coincide at the joint; their layers do not match. The pressure at all nodes is p with
+a relative error below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons
 replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
@@ -33,7 +33,7 @@ SMALL = {"n": 8, "steps": 10, "accuracy": 1e-6}
 
 
 def uniform_compression(x):
-    """Return the displacement of a body in the stress -p at points x (m, 3)."""
+    """Return the displacement of a body under the pressure p on all sides, at points x (m, 3)."""
     return -PRESSURE * (1 - 2 * POISSON) / YOUNG * x
 
 
@@ -58,7 +58,7 @@ def scene(friction=FRICTION, angle=ANGLE):
 
 
 def lean_layers(flat, levels, inside):
-    """Extrude the plane mesh `flat`, leaning like the joint: within the cone if `inside`, else from cone to rim."""
+    """Extrude the plane mesh `flat`, and scale its layers: inside the cone if `inside`, else between cone and rim."""
     solid = flat.extruded(levels)
 
     r, cone = np.hypot(*solid.points[:, :2].T), SMALLER + SLOPE * solid.points[:, 2]
@@ -69,7 +69,7 @@ def lean_layers(flat, levels, inside):
 
 
 def mesh(n, family="ring"):
-    """Return the plug in n/2 layers and the socket in 3n/4, both in n/2 rings."""
+    """Return the plug with n/2 layers and the socket with 3n/4 layers; both have n/2 rings of cells."""
     sectors, layers = 4 * n, max(2, n // 2)
     plug = vx.meshes.ring(np.linspace(0.0, 1.0, 1 + n // 2), sectors)
     socket = vx.meshes.ring(np.linspace(1.0, RIM, 1 + n // 2), sectors)
@@ -86,7 +86,7 @@ def times(steps):
 
 
 def torque(history):
-    """Return the torque of friction about the axis at every step, against the rotation."""
+    """Return the torque of friction about the axis at every step; it is positive against the rotation."""
     contact = history.contact
     x, force = contact.points, contact.traction * contact.friction_lengths[:, None]
     return -(force[:, :, 1] @ x[:, 0] - force[:, :, 0] @ x[:, 1])

@@ -1,9 +1,9 @@
 r"""A block on dashpots and springs: it sinks exponentially or creeps; dashpots do not resist when it rises.
 
 The block (0, L) x (0, H) of the weight w per area hangs on springs of the stiffness s per length at its top. Its base
-rests on dashpots: the pressure on the base is c times the velocity into the support. The block can move along y only,
-and nu = 0. Let a be the sinking of the base and p the pressure of the dashpots. At the height y the vertical stress is
-w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E. Forces balance:
+rests on dashpots: the pressure on the base is c times the velocity into the support. The block can move along y only.
+Its Young's modulus is E, and nu = 0. Let a be the sinking of the base and p the pressure of the dashpots. At the height
+y the vertical stress is w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E. Forces balance:
 
 $$
 s \Big( a + \frac{p H - w H^2 / 2}{E} \Big) + p = w H, \qquad p = c a', \qquad
@@ -15,9 +15,8 @@ Up to the time t the dashpots dissipate c a_inf^2 (1 - exp(-2 t / tau)) / (2 tau
 Without springs (`--set spring=0`) the block creeps at the constant speed w H / c, and all of its weight is on the
 dashpots.
 
-At t = 4 the weight is taken off. Dashpots resist approach only: now they exert no force, and the springs lift the block
-at once to a = 0. On squares, displacements of nodes are exact up to errors O(k) of backward Euler with steps of the
-length k. The computed sinking has the closed form
+At t = 4 the weight is taken off. Dashpots cannot pull: now they exert no force, and the springs lift the block at once
+to a = 0. On squares, only time steps cause errors. With steps of the length k, backward Euler yields the sinking
 
 $$ a_n = (a_{n-1} + k a_\infty / \tau) / (1 + k / \tau) . $$
 

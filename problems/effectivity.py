@@ -1,13 +1,15 @@
-"""Estimated errors over true errors on all mesh families: manufactured solutions, and the paper's scene.
+"""Ratios of estimated to true errors on all mesh families: manufactured solutions, and the paper's scene.
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`, with the same constant in all cases. Each case has a
-reference for the true error:
+The estimate is the sum of the three parts of `vx.error_budget`, with the same constant in all cases. The true error is
+the distance from a reference solution:
 
-- Full slip with two Poisson's ratios, where steps make no error: the closed form.
-- The paper's scene (`feng_han_huang.py`), with time steps as long as cells: the solution on squares of side 1/256.
-- A load that reverses, on one mesh: a run with sixteen times as many steps. The estimate is then the part for time.
+- Full slip with two Poisson's ratios. The reference is the closed form; steps make no error.
+- The paper's scene (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has squares of side
+  1/256.
+- A load that reverses, on one mesh. The reference has sixteen times as many steps. The estimate is the part for time
+  steps only.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ class Found:
 def run_full_slip(family, n, poisson):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
-    # At poisson = .4999995 rounding leaves certified errors of up to 6e-7.
+    # At poisson = .4999995 rounding leaves certified errors of up to 6e-7, so that the default 1e-8 is out of reach.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, n + 1), solver=solver, store="last")
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
@@ -67,7 +69,7 @@ def run_block(family, n, truth):
 
 
 def run_reversal(steps):
-    """Return a run whose errors come from time steps only; its estimate has the part for time only."""
+    """Return a run whose true and estimated errors come from time steps only."""
     mesh = vx.meshes.squares(16)
     coarse, fine = (
         vx.simulate(missed_reversal.scene(), mesh, missed_reversal.times(count)) for count in (steps, 16 * steps)

@@ -1,13 +1,13 @@
 """Error bars that are theorems: they contain the exact values, and finer meshes and smaller steps shrink them.
 
-The block has the displacement of `manufactured_full_slip.py`, known in closed form, with t^2 / 1000 in place of t.
-Its left side is on rollers. The tractions of the closed form act on the top, left and right sides, its body force
-acts inside, and friction is at its bound along the whole floor. All data are proportional to t^2.
+The displacement is the closed form of `manufactured_full_slip.py`, with t^2 / 1000 in place of t. The left side of the
+block is on rollers, under the shear of the closed form. The tractions of the closed form act on the top and the right
+side, and its body force acts inside. Friction is at its bound along the whole floor. All data are proportional to t^2.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
-energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant (W.
-Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
-1947). Only the quadrature error of the data is an estimate; the attribute `kind` names it. The intervals shrink with h.
+energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant: see
+W. Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
+1947. Only the quadrature error of the data is an estimate. The intervals shrink with h.
 
 The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
 increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
@@ -124,7 +124,7 @@ def exact():
 
 
 def intervals_over_meshes(history, counts):
-    """Return intervals (k, 2) of the energy and of the mean, on meshes with `counts` cells across."""
+    """Return the intervals of the energy and of the mean displacement, on meshes with `counts` cells across."""
     energies, means = [], []
     for n in counts:
         run = vx.simulate(scene(), mesh(n), history.trajectory.times)
@@ -141,7 +141,7 @@ def bounds_over_steps(n, counts):
 
 
 def picture(history):
-    """Draw intervals of energy and of a mean displacement over meshes, and bounds of histories over steps."""
+    """Draw intervals of energy and mean displacement for several meshes, and error bounds for several step sizes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.6, 3.7), layout="constrained")

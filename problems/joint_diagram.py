@@ -10,7 +10,7 @@ $$
 \qquad \text{then } F.
 $$
 
-The compressive force on the sleeve is the tension of the bolt less F. When the pull has vanished, the tension of the
+The compressive force on the sleeve is the tension of the bolt minus F. When the pull has vanished, the tension of the
 bolt is F_V again. Stresses are uniaxial (nu = 0), so that the result is exact on every mesh.
 
     vemcvx run problems/joint_diagram.py --n 2 --steps 16 --plot
@@ -76,7 +76,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the joint before it opens, at t = 2, and the forces of bolt and sleeve over the pull."""
+    """Draw the joint at t = 2, before it opens, and the forces of bolt and sleeve over the pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

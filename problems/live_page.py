@@ -57,7 +57,7 @@ with app.setup:
         "growing cycles": (0, 0.5, -0.5, 0.75, -0.75, 1, -1),
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
-    STEPS = 30  # number of steps with which every reversal of every path is an instant
+    STEPS = 30  # with this number of steps, every path reverses at the end of a step
     WIDTH, LETTERS = 4.0, 10  # width of pictures in inches, size of letters in points: 12 px in a picture of 346 px
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
@@ -76,17 +76,14 @@ def settings_of(problem):
 
 @app.function
 def paths_of(problem):
-    """Return the load paths of a problem: all paths if `scene` takes a `course`, else the path of the file alone."""
+    """Return the load paths of a problem: all paths if `scene` takes a `course`, else only the path of the file."""
     takes = "course" in inspect.signature(problem.module.scene).parameters and hasattr(problem.module, "course")
     return list(PATHS) if takes else list(PATHS)[:1]
 
 
 @app.function
 def course_of(path, problem):
-    """Return the load over the largest load as a function of time: a path, or the `course` of the problem file.
-
-    It is None if the problem file has no `course`.
-    """
+    """Return the load, divided by the largest load, as a function of time; None if the problem file has no `course`."""
     turns = PATHS[path]
     if turns is None:
         return getattr(problem.module, "course", None)
@@ -105,7 +102,7 @@ def solve(problem, mesh, settings, path, solver):
 
 @app.function
 def pictures(history, step, course, units=None):
-    """Return those pictures of a step for which the history has data, each (name, figure, caption)."""
+    """Return the pictures of a step, each (name, figure, caption), without pictures for which there are no data."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [
@@ -157,7 +154,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # Labels make a body of fixed shape smaller, which changes their places: after one pass some would be cut off.
+        # Labels make a body of fixed shape smaller, which moves the labels. After one pass some labels are cut off.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words
@@ -203,7 +200,7 @@ def draw_energies(ax, history, units):
 
 @app.function
 def draw_loop(ax, history, step, course, units):
-    """Draw the load over the slip of the node that slips farthest: in colour up to a step, in grey after it."""
+    """Draw the load over the slip of the node that slips farthest. The part after the step is grey."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
     load, now = np.array([course(t) for t in history.times]), history.row(step)
@@ -236,7 +233,7 @@ def numbers_of(history, step):
 
 @app.function
 def attempt(action, *given):
-    """Return the value of an action and the seconds that it took; show its error in place of the pictures."""
+    """Return the value of an action and its time in seconds; show an error of the action in place of the pictures."""
     start = time.perf_counter()
     try:
         return action(*given), time.perf_counter() - start

@@ -2,19 +2,18 @@
 
 On the unit square, with Lame's constants lambda and mu = 1, and with c = 1 / (1 + lambda), let
 
-$$ u = t e^{xy} / 6 (x (1 + c), y (c - 1)) . $$
+$$ u = (t / 6) e^{xy} (x (1 + c), y (c - 1)) . $$
 
-The divergence of u is about lambda times smaller than its gradient, so that stresses stay bounded as lambda grows. On
-y = 0 the normal displacement vanishes, and the whole contact slips to the right against friction at its bound
+For large lambda the divergence of u is of the size 1 / lambda, so that stresses stay bounded. On y = 0 the normal
+displacement vanishes. The whole contact slips to the right, and friction is at its bound
 t mu x^2 (lambda + 2) / (6 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides.
 All data are proportional to t, so that only the mesh causes errors: backward Euler is exact. The same holds with any
 increasing phi(t) in place of t, in any number of steps. (At t = 1 strains are of the order of 1, and a run warns about
 these strains. In a linear theory the size of strains does not matter. The picture shows a tenth of the displacements.)
 
 The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
-O(h^2). If the nodes on the right are spaced like the nodes on top, the errors of these two sides cancel, except for a
-part proportional to c. The energy that the wrong volume causes is proportional to lambda: at lambda = 1e6 and h = 1/8
-it triples the error on hexagons. With the traction sigma(u) n on top instead (``pulled=True``) the volume is free, and
+O(h^2). The energy that the wrong volume causes is proportional to lambda: at lambda = 1e6 and h = 1/8 this energy
+triples the error on hexagons. With ``pulled=True`` the traction sigma(u) n acts on top. Then the volume is free, and
 errors are the same for all lambda.
 
     vemcvx run problems/manufactured_full_slip.py --mesh voronoi --n 32 --steps 4
@@ -54,7 +53,7 @@ def body_force(x, y, t, lam):
 def traction_on_top(x, y, t, lam):
     """Return sigma(u) (0, 1), (..., 2)."""
     _, yy, xy = np.moveaxis(strain(x, y, t, lam), -1, 0)
-    # We use lambda div u = lambda c t (1 + xy) e^{xy} / 3, because e_xx + e_yy would cancel.
+    # We use lambda div u = lambda c t (1 + xy) e^{xy} / 3, because rounding spoils the sum e_xx + e_yy.
     pressure = lam / (1.0 + lam) * (1 + x * y) * np.exp(x * y) * t / 3
     return np.stack([MU * xy, 2 * MU * yy + pressure], axis=-1)
 

@@ -1,8 +1,8 @@
 r"""A plate with a hole, pulled: a quarter of it is computed, and the stress at the rim is three times the pull.
 
-A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). With z = x + iy, the
-shear modulus mu and, in plane stress, kappa = (3 - nu) / (1 + nu), the potentials phi and psi give displacements (u, v)
-and stresses (Muskhelishvili 1953):
+A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). Let z = x + iy, let mu
+be the shear modulus, and let kappa = (3 - nu) / (1 + nu), as in plane stress. The potentials phi and psi give
+displacements (u, v) and stresses (Muskhelishvili 1953):
 
 $$
 \phi = \tfrac S4 z + a / z, \qquad \psi = -\tfrac S2 z + b / z + c / z^3, \qquad a = S R^2 / 2,
@@ -76,7 +76,7 @@ def scene():
 
 
 def mesh(n, family="ring"):
-    """Return rings of 2n cells: "first" is the ray beside the hole, "last" the ray above it."""
+    """Return rings of 2n cells; the sides "first" and "last" are the rays beside and above the hole."""
     rings = max(2, round(4 * n / np.pi * np.log(REACH / RADIUS)))
     return vx.meshes.ring(np.geomspace(RADIUS, REACH, rings + 1), 2 * n, angles=(0.0, np.pi / 2))
 

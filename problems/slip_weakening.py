@@ -1,20 +1,21 @@
 r"""A user-defined effect: friction that weakens with slip, in a block sheared back and forth over a floor.
 
-The block (0, L) x (0, H) has the shear modulus mu. Its top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. The
-sides are free along x only, so that the block is sheared uniformly. The friction bound g falls with the accumulated
+The block (0, L) x (0, H) has the shear modulus mu. Its top moves linearly: U(t) is 0, U0, -U0, U0 at t = 0, 1, 3, 5.
+The sides are free along x only, so that the block is sheared uniformly. The friction bound g falls with the accumulated
 slip A of each point, from the peak g_p to the residual value g_r:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 
-Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. The block sticks while |q| < g(A). The
-top moves to U; let a and A be the values before this motion. If the block slips, |q| = g afterwards, and the slip is
+Let a be the displacement of the bottom, and q = mu (U - a) / H the friction. The block sticks while |q| < g(A). In a
+step from a state with a and A, let the displacement of the top change to U. If the block slips, |q| ends at the new
+bound, and the slip is
 
 $$
 |da| = (|\mu(U - a) / H| - g(A)) / (\mu/ H - k) \quad \text{if } g_p - k (A + |da|) \ge g_r,
 \quad \text{else } |da| = (|\mu(U - a) / H| - g_r) / (\mu/ H).
 $$
 
-The block is stable, and a step has one solution, if k < mu / H; otherwise the block would jump. The effect passes k as
+If k < mu / H, a step has one solution; otherwise the block would jump. The effect passes k as
 `softening`, and a warning is issued if k is too large for the stiffness of the block.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
@@ -79,7 +80,7 @@ def top(t):
 
 
 def exact_solution(instants):
-    """Return friction q, positive against slip to the right, and the displacement a of the bottom at all instants."""
+    """Return the friction q (positive against slip to the right) and the displacement a of the bottom."""
     q, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial = MU * (U - a[n - 1]) / HEIGHT

@@ -6,19 +6,19 @@ the contact and the pressure p(r) are
 $$ a^3 = 3 P R (1 - \nu^2) / (4 E), \qquad p(r) = p_0 \sqrt{1-r^2/a^2}, \qquad p_0 = 3 P / (2 \pi a^2) $$
 
 (Johnson, *Contact Mechanics*, 4.2). Then a tangential force Q < mu P acts, where mu is the coefficient of Coulomb
-friction. Pressure alone would cause no slip if nu were 1/2; here nu = .45. If pressure causes no slip, the friction is
+friction. For nu = 1/2, nodes stick in r < c with c / a = (1 - Q / (mu P))^(1/3), and the friction is
 
-$$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), \quad c / a = (1 - Q / \mu P)^{1/3}, $$
+$$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), $$
 
-and nodes stick in r < c. For r > c the second root is replaced by 0 (Johnson, 7.2). The closed form neglects the small
-slip across the direction of Q; the computation includes it. The block extends 6 a to all sides. Unlike a half-space, it
-widens when it is pressed. Friction therefore acts only after pressing, from t = 1 on. One half of the block is
-computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The top is pressed
-down and then dragged without rotation; P and Q are measured.
+where the second root is replaced by 0 for r > c (Johnson, 7.2). Here nu = .45. The closed form neglects the small slip
+at right angles to Q; the computation includes it. The block extends 6 a to all sides. Unlike a half-space, it widens
+when it is pressed, so that its nodes slip. Friction therefore acts only after pressing, from t = 1 on. One half of the
+block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The top is
+pressed down and then dragged without rotation; P and Q are measured.
 
-With n = 8 the radius is 3 % smaller and the peak 4 % larger than Hertz' values. Both agree within 2 % if the cells near
-the contact are cubes (`quarter`). Friction within half the stick radius is 4 to 7 % below the closed form. The stick
-radius, from the second moment of mu p - |traction|, is .94 of the closed form.
+With n = 8 the radius a is 3 % smaller, and the pressure p_0 is 4 % larger, than Hertz' values. If the cells near the
+contact are cubes (`quarter`), both agree within 2 %. In r < c / 2, friction is 4 to 7 % below the closed form. The
+computed c is .94 of the closed form.
 
     vemcvx run problems/spherical_indenter.py --n 8 --steps 8 --plot
 """
@@ -58,7 +58,7 @@ def scene(friction=FRICTION, press=PRESS, drag=DRAG):
 
 
 def lines(n, growth=1.6, even=1.2):
-    """Return coordinates from 0 to `REACH`: steps of a/n up to `even` times a, then growing steps."""
+    """Return coordinates from 0 to `REACH`, with steps a/n up to `even` * a, and growing steps from there on."""
     line, step = list(CONTACT / n * np.arange(even * n)), CONTACT / n
     while line[-1] < REACH:
         step *= growth
@@ -98,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return the radius a: forces with the density sqrt(1 - r^2 / a^2) have the mean 2/5 a^2 of r^2."""
+    """Return a for a density sqrt(1 - r^2 / a^2) of forces `weights` at `places`: the mean of r^2 is 2/5 a^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))
@@ -111,7 +111,7 @@ def measure_contact(history, step):
 
 
 def stick_radius(history):
-    """Return c at the end, by the second moment of mu p - |traction| = mu p_0 c/a sqrt(1 - r^2 / c^2)."""
+    """Return c at the end; the density mu p - |traction| is mu p_0 c/a sqrt(1 - r^2 / c^2)."""
     contact = history.contact
     spare = FRICTION * contact.pressure[-1] - np.linalg.norm(contact.traction[-1], axis=1)
     return radius(contact.points[:, :2], np.maximum(spare, 0.0) * contact.lengths)

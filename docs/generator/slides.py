@@ -1,7 +1,7 @@
 """Slides of the lessons: each shows a formula or a picture of the lesson's page, with at most five lines of text.
 
 The slides of a lesson are one HTML page without a framework. Space, arrow and page keys turn the slides, scrolling
-stops at each slide, and a printer puts one slide on a sheet. nbconvert's slides would load reveal.js from another host.
+stops at each slide, and a printer puts one slide on a sheet.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def build_page(path: Path) -> str:
     made = list(build_slides(list(find_blocks(body))))
     back = f'<a href="../{path.name}">{escape(title.partition(",")[0])}</a>'
     feet = [f"{back} {number} / {len(made)}" for number in range(1, len(made) + 1)]
-    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # one tab stop is enough
+    feet[1:] = [foot.replace("<a ", '<a tabindex="-1" ') for foot in feet[1:]]  # only the first link is a tab stop
     slides = "\n".join(
         f'<section tabindex="-1"><div>{slide}</div><p class="where">{foot}</p></section>'
         for slide, foot in zip(made, feet, strict=True)
@@ -96,7 +96,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # no formula follows
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # without beginnings of formulas
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 
@@ -125,5 +125,5 @@ def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
 
 
 def count_lines(html: str) -> int:
-    """Return the number of lines of some text, where commands of formulas count as one letter."""
+    """Return the number of lines of some HTML; each command of a formula counts as one letter."""
     return -(-len(re.sub(r"\\[a-zA-Z]+|\\.|[{}_^]", "x", re.sub(r"<[^>]+>", "", html))) // LETTERS)

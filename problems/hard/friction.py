@@ -43,7 +43,7 @@ def every_other():
 
 
 def at_the_threshold():
-    """Return the setting of uniform shear, in which friction just reaches the bound g at every node, without slip."""
+    """Return uniform shear in which friction just reaches the bound at every node, and no node slips."""
     mu, bound = 80.0, 4.0
 
     def top(x, t):
@@ -99,7 +99,7 @@ def between_clamps():
 
 
 def incline(degrees=30.0):
-    """Return the paper's block, rotated as a whole, which does not change energies."""
+    """Return the paper's block on an incline; its energies are those of the block on level ground."""
     turn = np.radians(degrees)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     mesh = vx.PolygonMesh(MESH.points @ R.T, MESH.cells, boundaries=MESH.boundaries)
@@ -115,7 +115,7 @@ def incline(degrees=30.0):
 def as_if_level(setting, history):
     level = vx.simulate(block(), MESH, TIMES)
     apart = np.abs(history.energy - level.energy).max() / level.energy.max()
-    # The relative error of an energy is twice the relative error in the energy norm, for both runs.
+    # Relative errors of energies are twice the relative errors in the energy norm; both runs have errors.
     allowed = 2 * (history.certificate_total[-1] + level.certificate_total[-1]) + 1e-12
     return "" if apart <= allowed else f"energies differ by {apart:.1e} from those of the unrotated block"
 

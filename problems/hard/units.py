@@ -15,7 +15,7 @@ PLAIN = voronoi(N)
 
 
 def scene(length=1.0, force=1.0):
-    """Return the paper's block with lengths times `length` and forces times `force` (the thickness stays 1)."""
+    """Return the paper's block; `length` multiplies lengths and `force` multiplies forces (the thickness stays 1)."""
     stress = force / length
 
     def pull(x, t):
@@ -48,7 +48,7 @@ def solve_plain(name):
 
 
 def plain(history):
-    """Return the history that the same solver computes in the units of the paper."""
+    """Return the history of the solver of `history` in the units of the paper."""
     return solve_plain(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 
@@ -66,7 +66,7 @@ def same_answer(length):
         apart = np.abs(history.displacement / length - before.displacement).max() / np.abs(before.displacement).max()
         if "Newton" in history.solver and apart > max(1e-9, 100 * before.certificate_floor.max()):
             return f"displacements differ by {apart:.1e}"
-        # OSQP checks its residuals every 25 iterations, and units change these residuals by a factor of up to two.
+        # Units change the residuals of OSQP by a factor of up to two, so that its numbers of iterations differ.
         if "OSQP" not in history.solver and np.abs(history.iterations - before.iterations).max() > 1:
             return f"iterations {history.iterations} and {before.iterations}"
         if "Newton" in history.solver and (history.contact.sticking != before.contact.sticking).any():

@@ -43,7 +43,7 @@ def derivative(K, f, w):
 
 
 def quotient(data, steps):
-    """Return the difference quotients of the answer, for a step of each datum."""
+    """Return difference quotients of the answer; each changes one datum."""
     moved = np.asarray(data) + np.diag(steps)
     return np.array([(answer(*one) - answer(*data)) / step for one, step in zip(moved, steps, strict=True)])
 
@@ -76,7 +76,7 @@ for _data in (slips, sticks):
 # %% [markdown]
 # **At the kink**, $f = w$, there is no derivative, only one derivative on each side. A larger pull moves the slider, a
 # smaller pull does not. If the force differs from its bound by no more than the certificate, the package returns the
-# derivative of one of the two sides, logs a warning, and marks the step in `one_sided`, a part of its result.
+# derivative of one of the two sides, logs a warning, and marks the step in the array `one_sided`.
 
 # %%
 kink = [2.0, 1.0, 1.0]
@@ -97,8 +97,9 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # Every value between the two derivatives, here between $-1/K$ and 0: the quotient is their mean, weighted by the parts
 # of the interval on both sides. Only $-1/K$ and 0 are one-sided derivatives. Smaller intervals need not help: if the
-# kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves instead. Away
-# from a kink their difference tends to zero with the length of the interval. At the kink their difference stays $1/K$.
+# kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves of the interval
+# instead. Away from a kink their difference tends to zero with the length of the interval. At the kink their difference
+# stays $1/K$.
 #
 # </details>
 #
@@ -115,13 +116,13 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #
 # where "stick" and "slip" are diagonal matrices of zeros and ones, and $R$ contains the derivatives of the right-hand
-# sides. $M$ is the last matrix of Newton's method, which found the sets. (A change $dK$ of the stiffness adds $-dK\,u$
-# to the first right-hand side.)
+# sides. Newton's method found the sets, and $M$ is its last matrix. (A change $dK$ of the stiffness adds $-dK\,u$ to
+# the first right-hand side.)
 
 
 # %%
 def pull(x, t):
-    """Return the load of lesson 9 at the time t = 1, and its multiples by a sine at other times."""
+    """Return the load of lesson 9, multiplied by sin(pi t / 2)."""
     return np.sin(np.pi * t / 2) * np.column_stack([8 * (1.25 - x[:, 1]), np.full(len(x), -0.01)])
 
 
@@ -141,7 +142,7 @@ K, f, w, m = step.operators.K, step.g, step.w, len(step.g)
 
 
 def build_matrices(sign):
-    """Return M, and R for the bounds, where `sign` is the direction of slip; 0 at nodes that stick."""
+    """Return M, and R for the bounds. The entries of `sign` are directions of slip, or 0 at nodes that stick."""
     stick, none = np.diag(1.0 * (sign == 0)), np.zeros((m, m))
     return np.block([[K, np.eye(m)], [stick, np.eye(m) - stick]]), np.vstack([none, np.diag(sign)])
 
@@ -156,8 +157,7 @@ print(f"{np.count_nonzero(step.answer.d)} of {m} nodes slip; {R.shape[1]} parame
 #
 # $$\text{forward: } b^T (M^{-1} R), \qquad \text{adjoint: } (M^{-T} b)^T R = z^T R, \quad M^T z = b .$$
 #
-# The forward order needs one solve for each *parameter*, the adjoint order one solve for each *quantity*. (The $z$ of
-# lesson 10 is such an adjoint state: the state under the load $Q$.)
+# The forward order needs one solve for each *parameter*, the adjoint order needs one solve for each *quantity*.
 
 # %%
 b = np.zeros((2 * m, 2))
@@ -199,7 +199,7 @@ solved = {"forward": 0, "adjoint": 0}
 
 
 def recall(sign):
-    """Return T: row by row, sticking nodes keep the displacements of the step before."""
+    """Return T, which copies the displacements of sticking nodes from the step before."""
     T = np.zeros((2 * m, 2 * m))
     T[m:, :m] = np.diag(1.0 * (sign == 0))
     return T
@@ -289,9 +289,9 @@ assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J))))
 
 # %% [markdown]
 # **A step is a convex program, but a fit is not.** With these data, a search from the bound 8 ends at another answer.
-# This answer has small standard errors, too: they describe the neighbourhood of an answer only. But its residuals are
-# much larger than the noise of the instrument. So start the search from several parameters, and compare the residuals
-# with the noise.
+# This answer has small standard errors, too, because standard errors describe the neighbourhood of an answer only. But
+# its residuals are much larger than the noise of the instrument. So start the search from several parameters, and
+# compare the residuals with the noise.
 
 # %%
 elsewhere = fit_from([150.0, 8.0])
@@ -302,7 +302,7 @@ assert 0.7 < fit.noise[left] / sigma < 1.3
 assert elsewhere.noise[left] > 3 * fit.noise[left]
 
 # %% jupyter={"source_hidden": true}
-# Picture: the measured loop of displacement over load, the fitted loop through its points, and a false fit beside them
+# Picture: the measured loop of displacement over load, the fitted loop through its points, and a wrong fit
 _figure, _axes = plt.subplots(figsize=(6.0, 3.8), layout="constrained")
 _load = np.sin(np.pi * times / 2)
 _axes.plot(_load, elsewhere.values[left], "--", color="0.5", label="search from the bound 8")
@@ -316,7 +316,7 @@ _figure
 
 # %% [markdown]
 # **What a measurement does not determine.** Now let the bound of each node be a parameter. A node that never slips has
-# $|\lambda_i| < w_i$ in all steps. So the column of $J$ for its bound is zero, wherever we measure, $J^T J$ is
+# $|\lambda_i| < w_i$ in all steps. So the column of $J$ for its bound is zero, wherever we measure. $J^T J$ is
 # singular, and least squares alone cannot determine this bound.
 #
 # To determine the bounds of all nodes, we must state an assumption, for example that each bound is known up to $\pm 2$
@@ -340,7 +340,8 @@ assert (after[~never] < 0.5 * assumed).all()
 # %% [markdown]
 # For a node that never slips the measurements yield an inequality: its bound is at least the largest force that the
 # node has borne. All larger bounds explain the measurements equally well; a smaller bound changes the answer. A
-# standard error cannot express an inequality. (`friction_along_a_joint.py` draws the errors of such a field.)
+# standard error cannot express an inequality. (`friction_along_a_joint.py` draws standard errors of bounds along a
+# joint.)
 
 # %%
 borne = np.abs(by_nodes.history.contact.traction[:, :, 0]).max(axis=0)
@@ -354,21 +355,19 @@ for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
 # %% [markdown]
 # ## 4. The limit load: a program without stiffness
 #
-# A plate lies on a rough plane, and friction alone holds it. It is pushed across its axis at one end, with the force
-# $\alpha$. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
+# A plate lies on a rough plane, and friction alone holds it. A force $\alpha$ pushes one end, at right angles to the
+# axis of the plate. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
 #
 # Friction forces $\lambda_i$ must balance the push. The columns of $N_i$ are the rigid motions of node $i$, and $f$
 # contains the work of a unit push in these motions. The bound per area is 1, so $w_i$ equals the area of node $i$:
 #
 # $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
-#
-# This is the dual of lesson 9 for a body with $K = 0$ on rigid motions.
 
 # %%
 grid = np.stack(np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-0.5, 0.5, 5), indexing="ij"), axis=-1).reshape(-1, 2)
 area = 0.5 * 0.25 * np.where(np.abs(grid[:, 0]) == 2, 0.5, 1.0) * np.where(np.abs(grid[:, 1]) == 0.5, 0.5, 1.0)
 N = np.array([[[1.0, 0.0, -y], [0.0, 1.0, x]] for x, y in grid])
-push = np.array([0.0, 1.0, 2.0])  # a unit force along y at x = 2: no work along x, 1 along y, 2 in the rotation
+push = np.array([0.0, 1.0, 2.0])  # work of a unit force along y at x = 2 in the three motions
 
 lam, alpha = cp.Variable(grid.shape), cp.Variable()
 balance = N.reshape(-1, 3).T @ cp.vec(lam, order="C") == alpha * push
@@ -380,12 +379,12 @@ print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 # The multipliers of the balance are a rigid motion $\xi$: the plate fails by turning about a point of its axis.
 #
 # To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction among the
-# motions on which the push does the work 1:
+# motions in which the push does the work 1:
 #
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$
 #
-# Every $\lambda$ and $\alpha$ that satisfy the constraints give the lower bound $\alpha$ of $\alpha^*$, and every
-# motion gives an upper bound. `vx.limit_load` returns both, for the elastic plate in space.
+# If $\lambda$ and $\alpha$ satisfy the constraints, $\alpha$ is a lower bound of $\alpha^*$. Every motion with
+# $f^T \xi = 1$ gives an upper bound. `vx.limit_load` returns both, for the elastic plate in space.
 
 # %%
 xi = motion / (push @ motion)
@@ -401,7 +400,7 @@ load = vx.Traction(lambda x, t: np.tile([0.0, 2.0, 0.0], (len(x), 1)), on="right
 limit = vx.limit_load(scene, vx.meshes.cubes((8, 4, 1), box=((-2, 2), (-0.5, 0.5), (0, 0.5))), load)
 print(f"vx.limit_load: {limit.factor:.8f} to {limit.upper:.8f}; {limit.mechanism}")
 assert limit.factor - 1e-6 <= alpha.value <= limit.upper + 1e-6
-assert upper < area.sum()  # less than a push through the middle, which moves the plate without rotation
+assert upper < area.sum()  # the limit load of a push through the middle, which does not rotate the plate
 
 # %% jupyter={"source_hidden": true}
 # Picture: the plate from above; friction forces at the limit run around the centre of rotation on the axis of the plate
@@ -421,13 +420,13 @@ _figure
 #
 # 1. The friction work $\sum_n w^T |u_n - u_{n-1}|$ contains the bounds explicitly. Extend the adjoint sweep of
 #    section 2 to this quantity, and check the gradient by difference quotients.
-# 2. A footing of the width $W$ bears the weight $G$ on its two edges, and a horizontal force at the height $h$. Contact
-#    is one-sided with Coulomb's law, $|\lambda_i| \le \mu p_i$. Write the limit load as a linear program, and compare
-#    it with $\min(\mu G,\, GW/2h)$. What is the motion in both cases?
+# 2. A footing of the width $W$ and the weight $G$ stands on its two edges. A horizontal force acts at the height $h$.
+#    Contact is one-sided with Coulomb's law, $|\lambda_i| \le \mu p_i$. Write the limit load as a linear program, and
+#    compare it with $\min(\mu G,\, GW/2h)$. What is the motion in both cases?
 # 3. *Shakedown.* Two sliders in the plane, coupled by springs, undergo a cycle of loads $\alpha f(t)$ again and again.
 #    By Melan's theorem slip stops if constant forces $\bar\lambda_i$ exist with
-#    $|\bar\lambda_i + \alpha \lambda^e_i(t)| < w_i$, where $\lambda^e_i$ are the friction forces of a cycle without
-#    slip, for $\alpha = 1$. Let $r_i$ be the radius of the smallest disc that contains all points $\lambda^e_i(t)$.
-#    Show that the largest $\alpha$ is $\min_i w_i/r_i$. Run 100 cycles with 0.98 and with 1.02 times this $\alpha$.
+#    $|\bar\lambda_i + \alpha \lambda^e_i(t)| < w_i$, where $\lambda^e_i$ are the friction forces for $\alpha = 1$ if
+#    nothing slips. Let $r_i$ be the radius of the smallest disc that contains all points $\lambda^e_i(t)$. Show that
+#    the largest $\alpha$ is $\min_i w_i/r_i$. Run 100 cycles with 0.98 and with 1.02 times this $\alpha$.
 #
 # Solutions: `lesson_11_solutions.py`.

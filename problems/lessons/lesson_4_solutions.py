@@ -20,10 +20,10 @@ def walk(loads, u=0.0, bound=w):
 # %% [markdown]
 # **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
 # $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ this position does
-# not depend on the peak. Let $\tilde f$ be the largest load at the end of a step. The error is the difference of the
-# end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest
-# error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step can detect this error. (`vemcvx` has an
-# indicator for this error: see `missed_reversal.py` among the problems.)
+# not depend on the peak. A computation uses the loads at the ends of steps only; let $\tilde f$ be the largest of them.
+# The error is the difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads
+# lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step
+# can detect this error. (`vemcvx` has an indicator for this error: see `missed_reversal.py` among the problems.)
 
 
 # %%

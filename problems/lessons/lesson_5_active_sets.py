@@ -3,8 +3,8 @@
 
 # %% [markdown]
 # *You need:* lessons 1 and 2; Newton's method. *You will see:* a step solved by guessing which nodes stick. A body
-# takes six guesses, and for slips in the plane the convergence is superlinear. On two blocks the guesses cycle for
-# ever, and a safeguard prevents this.
+# takes six guesses. If nodes can slip in two directions, the convergence is superlinear. On two blocks the guesses
+# cycle for ever, and a safeguard prevents this.
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
 # this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an
@@ -20,9 +20,8 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. An equation with kinks
 #
-# The unknowns $u$ are the positions of the nodes on the ground, as in lesson 2. The minimiser of
-# $\tfrac12 u^TKu - f^Tu + \sum_i w_i|u_i - u_{prev,i}|$ has forces $\lambda$ such that, with the slip
-# $s = u - u_{prev}$,
+# The unknowns $u$ are the positions of the nodes on the ground, as in lesson 2, and $s = u - u_{prev}$ is the slip. For
+# the minimiser of $\tfrac12 u^TKu - f^Tu + \sum_i w_i|s_i|$ there are forces $\lambda$ such that
 #
 # $$K u + \lambda = f, \quad |\lambda_i| \le w_i, \quad \lambda_i = w_i\,\mathrm{sign}(s_i) \text{ where } s_i \ne 0.$$
 #
@@ -91,7 +90,7 @@ assert np.array_equal(step.operators.B.toarray(), np.eye(32))
 
 
 def shift(K, size):
-    """Return a shift for each node: `size`, which has no unit, divided by the flexibility of the node."""
+    """Return `size` divided by the flexibility of each node; `size` has no unit."""
     return size / np.diag(np.linalg.inv(K))
 
 
@@ -250,10 +249,10 @@ assert forces.tolist() == [-1.0, 0.0]
 print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", positions)
 
 # %% [markdown]
-# With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the trial
-# force is $\hat\lambda_2 = 1 + \gamma_2 \cdot (-1)$, which lies within $\pm 1$ while $\gamma_2 \le 2$. A small shift
-# helps: the package takes 0.1 divided by the flexibility. But a small shift does not guarantee convergence. We try 60
-# random programs.
+# With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the second
+# block has the force 1 and the slip $-1$. Its trial force is $\hat\lambda_2 = 1 - \gamma_2$, which lies within $\pm 1$
+# while $\gamma_2 \le 2$. A small shift helps: the package takes 0.1 divided by the flexibility. But a small shift does
+# not guarantee convergence. We try 60 random programs.
 
 
 # %%
@@ -286,17 +285,16 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 #
 # *The slow method* is the projected gradient for the dual. It maximises
 # $D(\lambda) = -\tfrac12 (f - \lambda)^TK^{-1}(f - \lambda) - \lambda^Tu_{prev}$ over the box $|\lambda_i| \le w_i$.
-# The gradient of $D$ is the slip $s = K^{-1}(f - \lambda) - u_{prev}$: the force of friction increases where the node
-# slips,
+# The gradient of $D$ is the slip $s = K^{-1}(f - \lambda) - u_{prev}$, so one iteration is
 #
 # $$\lambda \leftarrow \mathrm{clip}(\lambda + \rho s, -w, w), \qquad \rho = 1/|K^{-1}| .$$
 #
 # The iteration converges, because $D$ is concave and its gradient has the Lipschitz constant $1/\rho$. We call one such
 # iteration a *sure step*.
 #
-# *The combination:* continue Newton's method as long as the smallest gap so far is halved at least once in five rounds.
-# Otherwise take one sure step, from the point where the last sure step ended, and continue Newton's method from the
-# result. Until the gap is halved again, Newton's method has one round between two sure steps.
+# *The combination:* Newton's method runs until five rounds have not halved the smallest gap. Then sure steps and rounds
+# of Newton's method alternate until the smallest gap is halved. A sure step begins where the last sure step ended; a
+# round of Newton's method begins at the result of the sure step.
 #
 # **Theorem.** The smallest gap tends to zero. *Proof.* If it is halved again and again, the claim holds. Otherwise
 # there is a round after which it is never halved, and sure steps go on for ever. They are the iterates of the

@@ -20,7 +20,7 @@ def gap(s, lam, w=w):
 
 
 def step_from(u_prev, load):
-    """Return `u_prev` plus the slip of a step; a chain with u_prev = 0 has this slip under `load - K @ u_prev`."""
+    """Return the end of a step from `u_prev`, computed by a step from zero under the load `load - K @ u_prev`."""
     system = vx.System(K, lambda t: t * (load - K @ u_prev), vx.Norms(np.eye(size), w))
     return u_prev + vx.march(system, [0.0, 1.0]).state[-1]
 
@@ -37,10 +37,10 @@ for _s in rng.normal(size=(20, size)):
     assert abs(gap(_s, np.zeros(size), w=0.0) - 0.5 * (_s - best) @ K @ (_s - best)) <= FLOOR
 
 # %% [markdown]
-# **2.** The multipliers computed from $s$ balance the forces at every node whose friction bound allows this. If $s$ has
-# an error $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms
-# $w_i |s_i| - \lambda_i s_i$ of the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the
-# same order. Neither choice is always better. Both are certificates, and a check can take the smaller gap.
+# **2.** The multipliers computed from $s$ are $f - Ks$, clipped to the friction bounds. If $s$ has an error
+# $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms $w_i |s_i| -
+# \lambda_i s_i$ of the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the same order.
+# Neither choice is always better. Both are certificates, and a check can take the smaller gap.
 
 # %%
 exact = step_from(np.zeros(size), f)
@@ -72,8 +72,8 @@ for _a, _b in rng.normal(size=(10, 2, size)):
 
 # %% [markdown]
 # **4.** With $\lambda = 0$ the gap is $\tfrac12 |\lambda^*|_{K^{-1}}^2 + \sum w_i|s_i| > 0$. The answer is refused,
-# although $s$ is right: a certificate is a proof, and half of this proof is missing. The package can complete it. A
-# solver may return `d` alone, and the package then computes the multipliers from `d`.
+# although $s$ is right: a certificate is a proof, and half of this proof is missing. If a solver returns `d` alone, the
+# package computes the multipliers from `d`.
 
 
 # %%

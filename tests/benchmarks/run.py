@@ -1,4 +1,4 @@
-"""Ratios of times to reference times, measured side by side, printed, and written as CSV and picture.
+"""Measure times and reference times side by side; print their ratios, and write a CSV file and a picture.
 
 python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--page]
 """
@@ -27,7 +27,9 @@ BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="n = 64 instead of 256; growth to n = 128, not 707")
+    parser.add_argument(
+        "--quick", action="store_true", help="n = 64 instead of 256; the largest n is 128 instead of 707"
+    )
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--page", action="store_true", help="write the table and the picture to the page of benchmarks")
     arguments = parser.parse_args()
@@ -77,7 +79,7 @@ def conditions() -> str:
 
 
 def write_page(table: Table, picture: Path) -> None:
-    """Replace the picture, and the table between BEGIN and END on the page of benchmarks."""
+    """Replace the table (between BEGIN and END) and the picture of the page of benchmarks."""
     root = Path(__file__).parents[2]
     page = root / "docs" / "benchmarks.md"
     before, rest = page.read_text().split(BEGIN)

@@ -1,4 +1,4 @@
-"""Bounds on linear quantities enclose exact values, which are closed forms or values of much finer meshes."""
+"""Bounds on linear quantities enclose exact values, from closed forms or from much finer meshes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROUNDING = 1e-10
 
 
 def check_inside(bound, exact, error=0.0):
-    """Check that bounds enclose a value that is known up to an error; return the width of the interval."""
+    """Check that bounds enclose a value `exact`, known up to `error`; return the width of the interval."""
     slack = ROUNDING * (abs(exact) + abs(bound.value)) + error
     assert bound.low - slack <= exact <= bound.high + slack
     return bound.high - bound.low
@@ -62,7 +62,7 @@ def test_bounds_enclose_quantities_of_full_slip(family, name):
     assert widths[1] < 0.6 * widths[0]
 
 
-# Without friction, the intervals of all meshes intersect.
+# Without friction. The intervals of all meshes contain the exact value, so that they intersect.
 
 
 def bonded(*effects):
@@ -137,7 +137,6 @@ def check_against_finer(scene, meshes, of, end=1.0):
     ("scene", "family"), [(SCENES["lifted"], vx.meshes.squares), (bracket.scene(), vx.meshes.l_shape)]
 )
 def test_bounds_enclose_quantities_with_contact(scene, family):
-    """Stress is infinite at a corner of the bracket."""
     check_against_finer(scene, (family(4), family(16)), vx.Traction(UP, on="right"))
 
 

@@ -34,7 +34,7 @@ def run(*effects, n=4):
     return vx.simulate(vx.Scene(*effects), vx.meshes.squares(n), [0.0, 1.0])
 
 
-# Loads that assemble as zero.
+# Loads that vanish at the quadrature points of the assembly.
 
 STRIP = (*BAR, vx.Symmetry(on="right"), vx.BodyForce(along(strip)))
 PRESSED = (vx.Elasticity(1.0, 0.3), vx.Clamp(on="right"))
@@ -60,7 +60,7 @@ RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47
 
 @pytest.mark.slow
 def test_friction_that_is_zero_at_nodes_is_in_the_bound():
-    """The side moves by .02994 in a finer run, which has nodes in the zone of friction, and by .0344 in this run."""
+    """In a finer run, which has nodes in the zone of friction, the side moves by .02994."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
     assert history.inactive
@@ -69,8 +69,7 @@ def test_friction_that_is_zero_at_nodes_is_in_the_bound():
     assert vx.error_bound(history).upper[-1] >= vx.error_bound(history, -1).upper >= 0.03
 
 
-# Body forces f along a bar with E = 1, where u' is minus the integral of f. Quadrature integrates only
-# the linear force exactly. Quantities are also evaluated by quadrature.
+# Body forces along a bar with E = 1. Quadrature integrates only the linear body force exactly.
 
 
 def jump(x):
@@ -96,7 +95,7 @@ LOADS = {
 
 
 def bar_under(of):
-    """Return the run of a bar, many points s along it, and the exact force -u' at these points."""
+    """Return the run of a bar under the body force `of`, many points along the bar, and exact axial forces there."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
     return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), s, force
@@ -105,7 +104,7 @@ def bar_under(of):
 @pytest.mark.long
 @pytest.mark.parametrize("name", LOADS)
 def test_bounds_allow_for_quadrature_errors_of_loads(name):
-    """The force of the support has no bound if the load is not linear."""
+    """If the load is not linear, the force of the support has no bound."""
     history, s, force = bar_under(LOADS[name])
     exact, known, least = name == "linear", 1e-6, -0.5 * np.trapezoid(force**2, s)
     found = vx.error_bound(history, -1, of=vx.Traction((1.0, 0.0), on="left"))
@@ -135,7 +134,7 @@ def test_quantities_that_assemble_as_zero_are_bounded():
     assert not bound.guaranteed
 
 
-# Changes between instants. A layer in uniform shear has no mesh error; the reference is a run with small steps.
+# Changes between instants. A layer in uniform shear has no mesh error; the reference run has small steps.
 
 SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
 LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))
@@ -173,7 +172,7 @@ COURSES = {
 def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog):
     effects, steps = COURSES[name]
     scene, mesh, times = vx.Scene(*effects), vx.meshes.squares(1), np.linspace(0.0, 1.0, steps + 1)
-    # A run in these steps is exact for data that are piecewise linear with bends at these instants.
+    # For piecewise linear data, steps that end at the bends of the data are exact.
     finer = np.union1d(times, np.linspace(0.0, 1.0, 101 if name in ("ground", "support") else 2001))
     history, fine = vx.simulate(scene, mesh, times), vx.simulate(scene, mesh, finer)
     caplog.clear()
@@ -185,6 +184,6 @@ def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog
     circle = circle_of(fine)
     for n in range(1, steps + 1):
         apart = energy_distance(circle, history.displacement[n], fine.displacement[at[n]])
-        # If nothing moves, both numbers are rounding errors. Stresses have the size 1.
+        # The term 1e-16 allows for rounding where nothing moves.
         assert apart <= bound.upper[n] * (1.0 + 1e-9) + 1e-16
     assert bound.kind == "bound for data as read at instants"

@@ -21,7 +21,7 @@ def settled(mesh, *effects):
 
 @pytest.mark.parametrize("names", [("low", "up"), ("up", "low")])
 def test_a_block_that_is_cut_through_slides_without_stress(names):
-    """Positive slip moves the upper block to the right in any order of names; two free blocks share the slip."""
+    """Positive slip moves the upper block to the right, whichever block is named first. Free blocks share the slip."""
     mesh, on = stacked(names), "|".join(names)
     for held, ways in (([vx.Clamp(on="low.bottom")], (0.0, 0.1)), ([], (-0.05, 0.05))):
         history = settled(mesh, vx.PrescribedSlip(0.1, on=on), *held)
@@ -40,7 +40,7 @@ def test_in_space_slip_is_a_vector_along_the_surface():
 
 
 def test_friction_resists_a_prescribed_slip():
-    """The upper block is dragged by .1 against a bound of .5 on an edge of length 1, which dissipates .05."""
+    """The upper block is dragged by .1. The friction bound is .5 on an edge of length 1, so that .05 is dissipated."""
     rub = vx.TrescaFriction(0.5, on="low|up")
     slip = vx.PrescribedSlip(lambda x, t: 0.1 * t + 0 * x[:, 0], on="low|up")
     history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="low.bottom"), slip, rub), stacked(), [0.0, 0.5, 1.0])
@@ -61,7 +61,7 @@ def fault(size, levels):
 
 
 def test_a_fault_with_the_slip_of_a_crack_has_its_stress_drop():
-    """The slip 4 (1 - nu^2) / E tau sqrt(a^2 - x^2) on |x| < a releases the stress tau, within 1 % for |x| < .7 a."""
+    """The slip (4 (1 - nu^2) tau / E) sqrt(1 - x^2) on |x| < 1 releases the stress tau, within 1 % for |x| < .7."""
     tau, most = 2.0, 4 * (1 - NU**2) / E
     slip = vx.PrescribedSlip(lambda x, t: most * tau * t * np.sqrt(np.maximum(1 - x[:, 0] ** 2, 0.0)), on="fault")
     history = vx.simulate(vx.Scene(STEEL, slip), fault(10, 4), [0.0, 1.0])

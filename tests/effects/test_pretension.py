@@ -24,7 +24,7 @@ def tightened(x, t):
 
 
 def joint(**of):
-    """Simulate a bolt and a sleeve, which is three times as stiff, under a rigid cap that is pulled."""
+    """Simulate a bolt and a sleeve under a rigid cap that is pulled; the sleeve is three times as stiff as the bolt."""
     mesh = vx.meshes.bodies({**JOINT, "cap": column(0, 5, 3, 4, (1, 1))})
     scene = vx.Scene(
         STEEL,
@@ -67,7 +67,7 @@ def test_files_keep_the_forces_of_a_bolt_but_not_programs_with_infinite_weights(
 
 
 def test_a_bolt_in_space_bears_shear_and_tension():
-    """A bolt is tightened between fixed ends; then one end is pulled and sheared. The tension is 2 + E A u / L."""
+    """A bolt is tightened between fixed ends; then one end is pulled and sheared."""
     cubes = vx.meshes.cubes
     behind, ahead = vx.meshes.cut(cubes((1, 1, 4), box=((0, 1), (0, 1), (0, 2))), (0, 0, 1), (0, 0, 1))
     mesh = vx.meshes.bodies({"a": behind, "b": ahead})

@@ -13,7 +13,7 @@ from vemcvx.estimate.budget import error_budget
 pytestmark = pytest.mark.arithmetic
 
 LEAST, MOST = 1.0, 5.0
-"""Bounds of the effectivity, the estimated total over the true error, on all meshes and scenes."""
+"""Bounds on all meshes and scenes for the effectivity: the estimated total divided by the true error."""
 
 
 def measure_effectivity(poisson, family, n):
@@ -41,7 +41,7 @@ def test_effectivity_on_manufactured_full_slip(family, poisson, sizes):
     found = [measure_effectivity(poisson, family, n) for n in sizes]
     assert min(found) >= LEAST
     assert max(found) <= MOST
-    # Halving h three times hardly changes the effectivity.
+    # The effectivity hardly depends on h.
     assert max(found) / min(found) < 1.5
 
 
@@ -59,7 +59,7 @@ def crossed_squares(n):
 @mostly_slow("name", ["crossed squares", *FAMILIES])
 @pytest.mark.long
 def test_effectivity_on_the_paper_scene(name):
-    """On crossed squares, d_e is a height of triangles; with .82 d_e, the estimate would be .94 of the error there."""
+    """On crossed squares, widths of cells are heights of triangles; .82 of these heights would be too small."""
     mesh = crossed_squares(8) if name == "crossed squares" else small(name, 8)
     truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
     history = vx.simulate(paper_scene(), mesh, np.linspace(0, 1, 17), store="last")

@@ -18,7 +18,7 @@ GRADIENT = np.array([[0.3, 0.2, 0.1], [-0.1, 0.4, 0.2], [0.2, 0.0, -0.3]])
 
 
 def field(mesh, displacement):
-    """Return the nodal interpolant of a displacement f(x) (n, 3)."""
+    """Return the nodal interpolant of a displacement, a function of points x (n, 3)."""
     moduli = np.array([np.full(mesh.n_cells, LAM), np.full(mesh.n_cells, MU)])
     return vx.measures.Field(mesh, displacement(mesh.points), moduli)
 

@@ -30,13 +30,13 @@ def slip_errors(family, lam, sizes, times=(0.0, 1.0), solver=None, **options):
 @mostly_slow("family, sizes", [("voronoi", (8, 16)), *((name, (8, 16, 32, 64)) for name in FAMILIES)])
 @pytest.mark.long
 def test_energy_errors_hardly_depend_on_lambda(family, sizes):
-    """Errors for all lambda differ by less than 5 %; on cells that lock they would grow by at least 13 %.
+    """Errors for all lambda differ by less than 5 %. On cells that lock, errors would grow by at least 13 %.
 
     Linear triangles lock, and are left out for large lambda.
     """
     found = []
     for lam in (1.0,) if family in OF_TRIANGLES else (1.0, 1e2, 1e4, 1e6):
-        # Rounding in K makes relative energy errors of 1e-6 at lambda = 1e6: see theory/incompressible.md.
+        # At lambda = 1e6, rounding in K causes relative energy errors of 1e-6: see theory/incompressible.md.
         solver = vx.Newton(accuracy=1e-5) if lam == 1e6 else None
         h, energy, l2 = slip_errors(family, lam, sizes, solver=solver, pulled=True)
         assert orders(h, energy).slope == FIRST, lam
@@ -49,7 +49,7 @@ def test_energy_errors_hardly_depend_on_lambda(family, sizes):
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "voronoi"])
 def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(family):
-    """Even numbers of steps meet the reversal and are exact; for odd numbers see (3.28) of the paper."""
+    """With even numbers of steps, a step ends at the reversal and the run is exact."""
     mesh, steps = reversal.mesh(10, family), np.array([9, 27, 81])
     reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * 81))
     contact = reference.contact.sticking

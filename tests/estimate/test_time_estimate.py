@@ -18,13 +18,13 @@ from vemcvx.stepping.course import sample_course
 
 MOST = 5.0
 NOISE = 1e-6
-"""Relative errors below this are errors of the solver, which iterates Coulomb's law to 1e-8 per step."""
+"""Relative errors below this number come from the solver, which solves Coulomb's law to 1e-8 per step."""
 
 
 def compare_steps(scene, mesh, times, initial=None, parts=24):
-    """Return the ratio of the largest estimated to the largest true error of the steps, and the relative true error.
+    """Return the largest estimated error of the steps divided by the largest true error, and the relative true error.
 
-    The reference has `parts` steps in each step of the run, and instants where data bend or jump.
+    The reference run has `parts` steps in each step of the run, and further instants where data bend or jump.
     """
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
@@ -93,7 +93,7 @@ def find_course(scene, times=(0.0, 1.0)):
 
 @pytest.mark.long
 def test_tops_of_smooth_data_are_found():
-    """An instant at .4 nearly meets the top at .401, so that halved steps alone would not show the error."""
+    """The load has its top at .401, near the instant .4: halved steps alone would not show the error."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
     assert np.abs(find_course(scene, times).bends - top).min() <= 1e-9
@@ -128,8 +128,7 @@ def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
 
 
 def measure_effectivity(seed):
-    """Return the effectivity of the whole budget, the effectivity of its time part, and the true relative time
-    error."""
+    """Return the effectivities of the whole budget and of its time part, and the true relative time error."""
     scene, initial = feature_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)

@@ -65,7 +65,7 @@ IN_SPACE = pytest.param("pyvista", "tetrahedra", "cubes", "voronoi3", marks=pyte
 
 @pytest.mark.parametrize(("library", "first", "middle", "right"), [IN_PLANE, IN_SPACE])
 def test_files_pickles_and_libraries_keep_interfaces(tmp_path, library, first, middle, right):
-    """Join three bodies in a row, which touch along parts of their sides; two names are unusual."""
+    """Join three bodies in a row; their sides touch in part, and two names are unusual."""
     pytest.importorskip(library)
     boxes = ((0, 1), (0, 1)), ((1, 2), (0.25, 1.5)), ((2, 3), (-1, 1))
     up = [(0, 1)] * (first in SPACE_FAMILIES)
@@ -95,7 +95,7 @@ def test_histories_keep_interfaces_and_files_without_them_are_refused(tmp_path):
 
 
 def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
-    """Put the upper block on [0.3, 1.1] of the top [0, 2] of the lower block, where both ends become hanging nodes."""
+    """Put a block on a part of the top of a wider block; both ends of the part become hanging nodes."""
     mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
     assert_matched(mesh)
     x = mesh.points[mesh.interfaces["lower|upper"].edges, 0]
@@ -132,7 +132,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
-    """Join a hub with n sides and a tyre: their polygons of the unit circle are up to 1 - cos(pi / n) apart."""
+    """Join a hub of n = 12 sides and a tyre of 60 sides: their unit circles are up to 1 - cos(pi / n) apart."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)
     hub, tyre = ring([0.3, 0.6, 1.0], sides), ring([1.0, 1.5, 2.0], 60, angles=(0.01, 0.01 + 2 * np.pi))
     mesh = bodies({"hub": hub, "tyre": tyre}, tolerance=1.01 * apart)

@@ -39,7 +39,7 @@ GEOMETRY = [
     ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face 0 \(0, 2, 1\) has no area"),
     ([*CUBE, *NEXT], [FACES, RIGHT, RIGHT], r"cells 0, 1, 2 overlap at their face"),
     ([*CUBE, *NEXT], [FACES, [[1, 7, 5, 3], *RIGHT[1:]]], r"cell 1 is not closed, .*: its edge \(1, 5\) belongs to 1"),
-    # The right cube has two triangles in place of the square.
+    # The right cube has two triangles in place of the common square.
     (
         [*CUBE, *NEXT],
         [FACES, [*RIGHT[1:], [1, 5, 7], [1, 7, 3]]],
@@ -70,7 +70,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """Put a cube into another cube; put it beside a cube without common nodes; let two bars cross."""
+    """Put a cube into another cube, put cubes side by side without common nodes, and let two bars cross."""
     for blocks, subject in (
         (
             [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],
@@ -95,7 +95,7 @@ def make_prism(*profile):
 
 
 def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
-    """Try a prism whose outline crosses itself, a ring that touches itself, a cavity, and a projective plane."""
+    """Try a prism whose outline crosses itself, a ring that touches itself, a cavity, and a one-sided surface."""
     crossing = make_prism((0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2))
     ring = [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (3, 2), (3, 1), (1, 1), (1, 2), (2, 2.5), (1, 3), (0, 3)]
     for points, cells in (crossing, make_prism(*ring)):
@@ -123,7 +123,7 @@ def test_faces_that_run_inwards_are_reversed_with_a_warning(reversed_faces):
 
 
 def assert_valid(points, cells, volume):
-    """Return the mesh after a check of its volume."""
+    """Check the volume of a mesh, and return the mesh."""
     mesh = PolyhedralMesh(points, cells)
     assert mesh.volumes.sum() == pytest.approx(volume, rel=1e-14)
     return mesh

@@ -29,7 +29,7 @@ matplotlib = pytest.importorskip("matplotlib")
 @pytest.mark.long
 @pytest.mark.parametrize("name", gallery.problem_files())
 def test_every_problem_runs_in_its_small_setting_and_is_drawn_within_the_page(name, caplog):
-    """A run warns about large strains if and only if its docstring says so."""
+    """A run warns about large strains if and only if the docstring of the problem says so."""
     problem = import_module(name)
     history = gallery.small_run(problem)
     assert history.certificate.max() <= getattr(problem, "SMALL", {}).get("accuracy", 1e-8)
@@ -67,7 +67,7 @@ def test_a_problem_file_imports_no_other_problem_file(name):
     "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
 )
 def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
-    """A new process is needed: the sys.path of pytest has the folder of problems."""
+    """A new process is needed, because the sys.path of pytest has the folder of problems."""
     shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
     problem = import_module(name)
     steps = ["--steps", "2"] if hasattr(problem, "times") else []

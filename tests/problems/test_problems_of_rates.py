@@ -32,8 +32,8 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # As the steps get shorter, the period tends to .02. Here the pad begins to slip one step after its friction reaches
-    # mu_0 P. So the period is longer by one step, .005.
+    # As steps get shorter, the period tends to .02. The pad slips one step after its friction reaches its bound. So the
+    # period is longer by one step, .005.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 

@@ -32,7 +32,7 @@ def test_a_wall_and_a_buffer_stop_two_springs():
 
 
 def lower_block(depth, gap, stiffness=None, n=4, **options):
-    """Lower a block (0, 2) x (0, 1/2) between rollers onto an obstacle; nothing varies along x."""
+    """Lower a block between rollers onto an obstacle; nothing varies along x."""
     touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
@@ -72,7 +72,7 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("start", ["settled", None])
 def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
-    """The strain is (interference - compression of the obstacle) / H, both at a settled start and as the gap falls."""
+    """The strain is (overlap - compression of the obstacle) / H, whether the start is settled or the gap falls."""
     share = 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
     history = lower_block(lambda t: 0.0, gap, stiffness, n=2, initial=start)

@@ -1,4 +1,4 @@
-"""The scale of relative errors: states without energy, extreme units, loads whose energy over- or underflows."""
+"""The scale of relative errors: states without energy, extreme units, loads whose energy overflows or underflows."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def make_pulled_block(kind, force=1.0, stiffness=1.0):
 @mostly_long("a, b", [(37, -91), (-390, 0), (390, 0), (0, 300), (0, -300), (-200, 150)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_units_change_answers_by_rounding_only(kind, a, b):
-    """Loads times 2^a and stiffness times 2^b multiply displacements by 2^(a - b) and energies by 2^(2a - b)."""
+    """If 2^a multiplies loads and 2^b the stiffness, displacements change by 2^(a - b) and energies by 2^(2a - b)."""
     mesh, times = small("voronoi", 3), [0.0, 0.4, 1.0]
     plain = vx.simulate(make_pulled_block(kind), mesh, times)
     history = vx.simulate(make_pulled_block(kind, 2.0**a, 2.0**b), mesh, times)
@@ -79,7 +79,7 @@ def test_loads_whose_energy_overflows_or_underflows_are_refused(force, kind):
 
 
 def make_held_block(force):
-    """Return a block on a rough floor, which is pulled by the traction `force(t)`."""
+    """Return a block on a rough floor; the traction `force(t)` pulls the block."""
     return vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.Clamp(on="right"),
@@ -92,7 +92,7 @@ def make_held_block(force):
 @pytest.mark.long
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_a_start_out_of_balance_is_certified(off):
-    """The start is out of balance by `off` of the energy norm. The exact run has one more step, to times[0]."""
+    """The start misses equilibrium by `off`, relative to the energy norm. The exact run first steps to times[0]."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
     scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")

@@ -1,4 +1,4 @@
-"""A step's program: its certificate, multipliers computed from an answer, answers of cvxpy, accepted matrices."""
+"""Programs of steps: certificates, multipliers computed from answers, answers of cvxpy, accepted matrices."""
 
 from fractions import Fraction
 
@@ -17,7 +17,7 @@ SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_
 
 
 def draw_program(seed, block=1, separate=False):
-    """Return a program with norm terms and limits, one of them soft; if `separate`, each row reads its own unknown."""
+    """Return a program with norm terms and limits, one of which is compliant; `separate` rows share no unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))
@@ -35,7 +35,7 @@ def draw_program(seed, block=1, separate=False):
 
 
 def solve_with_newton(program):
-    """Return Newton's answer and its certificate, whose gap is at most the rounding floor."""
+    """Return Newton's answer and its certificate; the gap is at most the rounding floor."""
     none = np.zeros((program.operators.count, program.operators.block))
     prepared = vx.Newton(max_iterations=2000).prepare(program.operators)
     answer = prepared.solve(program, 1e-30, none, np.zeros(len(program.e)))
@@ -84,7 +84,7 @@ def test_infeasible_increments_are_not_certified():
 @separate
 @mostly_long("seed", range(4), 0, 1)
 def test_multipliers_are_computed_from_an_increment(seed, separate):
-    """The rows are independent, so only the solver's pair (lam, p) satisfies K d = g - B'lam - D'p."""
+    """The rows of B and D are independent, so that only one pair (lam, p) satisfies K d = g - B'lam - D'p."""
     program = draw_program(seed, separate=separate)
     operators, (answer, _) = program.operators, solve_with_newton(program)
     rows = np.vstack([operators.B.toarray(), operators.D.toarray()])
@@ -98,7 +98,7 @@ def test_multipliers_are_computed_from_an_increment(seed, separate):
 
 
 def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
-    """Few vectors of floats have exactly the length w. Rotating lam by an angle a costs w|s| a^2 / 2."""
+    """Few vectors of floats have exactly the length w. If lam rotates by a small angle a, the gap is w|s| a^2 / 2."""
     rng = np.random.default_rng(0)
     n = 200
     w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
@@ -117,7 +117,7 @@ def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
 
 @pytest.mark.parametrize("soft", [0.0, 0.2])
 def test_soft_thresholding_in_a_box_is_certified(soft):
-    """|d| = |g| - w within the box |d| <= e; beyond, |d| is e, or (c (|g| - w) + e)/(1 + c) with compliance c."""
+    """|d| = |g| - w in the box |d| <= e. Beyond the box, |d| is e, or (c (|g| - w) + e)/(1 + c) with compliance c."""
     rng = np.random.default_rng(3)
     eye = np.eye(6)
     operators = Operators(eye, eye, D=np.vstack([eye, -eye]), compliance=np.full(12, soft))
@@ -130,7 +130,7 @@ def test_soft_thresholding_in_a_box_is_certified(soft):
 
 
 def make_exact_program(seed, block):
-    """Return a program and its exact answer, which consist of numbers of few bits."""
+    """Return a program and its exact answer; all numbers have few bits."""
     rng = np.random.default_rng(seed)
     n, m, r = 8, 3, 2
     root = rng.integers(-3, 4, (n, n)).astype(float)
@@ -163,7 +163,7 @@ def compute_distance(K, one, two):
 @mostly_long("seeds", [range(2), range(2, 40)], ids=["2", "38 more"])
 @pytest.mark.parametrize("block", [1, 2])
 def test_certificate_and_floor_bound_the_error(block, seeds):
-    """The answers are Newton's answer and perturbed exact answers. Slips below 1e-9 of the motions count as zero."""
+    """Newton's answer and perturbed exact answers are tested. Slips below 1e-9 of the displacement count as zero."""
     for seed in seeds:
         program, exact, lam, p = make_exact_program(seed, block)
         K, size = program.operators.K, program.operators.energy_norm(exact)
@@ -182,7 +182,7 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
 
 
 def test_computed_multipliers_balance_the_load_on_a_kernel():
-    """Friction holds two free points: lam sums to the load, and the certificate in the seminorm is finite."""
+    """Friction holds two free points: the sum of `lam` is the sum of the load, and the certificate is finite."""
     K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.full((2, 1), 0.5**0.5)
     operators = Operators(K, sp.eye_array(2, format="csr"), kernel=kernel)
     program = StepProgram(operators, np.array([1.5, 0.1]), np.ones(2), np.zeros(2))
@@ -200,7 +200,7 @@ def test_cvxpy_gives_the_same_increments_and_multipliers(block):
     assert posed.lam is None
     posed.problem.solve(**SHARP)
     assert posed.problem.value == pytest.approx(program.objective(exact.d), rel=1e-8)
-    # Interior points stop at gaps near 1e-10, so errors of d and of multipliers are below 1e-5.
+    # Interior-point methods stop at gaps near 1e-10; errors of d and of multipliers have the size of the root, 1e-5.
     for found, wanted in ((posed.d.value, exact.d), (posed.lam, exact.lam), (posed.p, exact.p)):
         assert np.abs(found - wanted).max() < 1e-4 < np.abs(wanted).max()
     gap = program.certify(program.feasible(posed.d.value), posed.lam, posed.p).gap
@@ -209,7 +209,7 @@ def test_cvxpy_gives_the_same_increments_and_multipliers(block):
 
 @pytest.mark.parametrize("w", [1.0, 1e6, 1e10])
 def test_bounds_of_the_minimum_hold_if_a_sticking_term_slips_by_rounding(w):
-    """|d|^2 / 2 + w |d_1 + d_2 - 1| is 1/4 at d = (1/2, 1/2). A slip of 2e-14 would cost w times 2e-14."""
+    """|d|^2 / 2 + w |d_1 + d_2 - 1| is 1/4 at d = (1/2, 1/2). A slip of 2e-14 has the friction work 2e-14 w."""
     program = StepProgram(Operators(np.eye(2), [[1.0, 1.0]]), np.zeros(2), np.array([w]), np.array([1.0]))
     answer = Answer(np.array([0.5 + 2e-14, 0.5]), np.array([[-0.5]]), 0)
     low, high = SolvedProgram(program.operators, *program.data, answer=answer, step=1, t=1.0).bounds

@@ -13,7 +13,7 @@ YOUNG, LENGTH = 200.0, 4.0
 
 
 def pull_bar(course, *more, times=None):
-    """Pull a bar on rollers by stresses s(t), given as pairs (t, s): u = s x / E, without lateral strain."""
+    """Pull a bar on rollers by stresses that are linear between the given pairs (t, stress)."""
     times = np.linspace(0.0, course[-1][0], 4 * (len(course) - 1) + 1) if times is None else times
     instants, stresses = np.array(course).T
 
@@ -69,7 +69,7 @@ def test_peak_and_turns_of_other_loads(course, times, peak, turns, telling):
 
 
 def test_a_stressed_body_is_shown_at_its_largest_stress():
-    """A load on a short piece of the bar stores less energy than the pull, and has the larger yy stress."""
+    """A load on a short piece of the bar stores less energy than the pull, but causes a larger yy stress."""
     pressed = vx.Pressure(lambda x, t: np.interp(t, [0, 1, 2], [0, 0, 1.6]) + 0 * x[:, 0], on="spot")
     history = pull_bar([(0, 0), (1, 1), (2, 0)], pressed)
     worst = max(history.stored, key=lambda step: np.abs(history.stress(step)[:, 1]).max())

@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding points by e rotates sides by up to 16 e (n = 8). The factor 100 allows for the slip due to rotations."""
+    """Rounding points by e rotates sides by up to 2 e / h = 16 e. The factor 100 allows for slip due to rotations."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")
@@ -51,7 +51,7 @@ def swollen(x, t):
 @mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("sides", [12, 24], 1)
 def test_a_ring_turns_in_a_frictionless_housing(housing, sides):
-    """Each node has one mean normal: if it were held along the normals of both sides, it could not pass corners."""
+    """Each node has one mean normal: a node held along the normals of both its sides could not pass corners."""
     mesh = vx.meshes.ring([1.0, 1.5, 2.0], sides)
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
     history = vx.simulate(scene, mesh, [0, 1, 2])

@@ -24,7 +24,7 @@ def check_rest(history):
 
 @pytest.mark.parametrize(("family", "n"), [("squares", (8, 2)), ("voronoi", 5), ("cubes", (4, 1, 1))])
 def test_a_bar_pulled_at_both_ends_stretches_about_its_middle(family, n):
-    """u = (F/E x, -nu F/E y) about the middle, in plane stress and in space."""
+    """About the middle, u = (s x / E, -nu s y / E) under the stress s, in plane stress and in space."""
     dim = 3 if family == "cubes" else 2
     mesh = FAMILIES[family](n, box=BAR[:dim])
     pull = 3.0 * np.eye(dim)[0]
@@ -46,7 +46,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The tube has four times the squared error bound of its quarter, and the same relative error estimate."""
+    """The squared error bound is four times that of a quarter; the relative error estimates are equal."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))

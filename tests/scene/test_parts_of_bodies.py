@@ -1,4 +1,4 @@
-"""Planes of symmetry where contact ends: a part of a body has the contact fields of the whole body."""
+"""A part of a body, cut at planes of symmetry, has the contact fields of the whole body."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ FRICTIONS = {"Coulomb": vx.CoulombFriction, "Tresca": vx.TrescaFriction}
 
 
 def mirrored(mesh, axis):
-    """Return the union of a mesh in space and its mirror image across the plane where a coordinate is zero."""
+    """Return the union of a mesh in space and its mirror image; the coordinate `axis` is zero on the mirror."""
     image = mesh.points.copy()
     image[:, axis] *= -1
     beyond = np.flatnonzero(image[:, axis] != 0)
@@ -24,7 +24,7 @@ def mirrored(mesh, axis):
 
 
 def check_fields(part, whole, loose):
-    """Check that a part has the contact fields of the whole body; return the indices of its nodes in the whole."""
+    """Check that a part has the contact fields of the whole body; return the numbers of its nodes in the whole."""
     one, two = part.contact, whole.contact
     apart = np.linalg.norm(one.points[:, None] - two.points, axis=2)
     there = apart.argmin(axis=1)
@@ -87,7 +87,7 @@ def rings(sectors, turn, order):
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
 def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order):
-    """If normals at the cuts were not averaged with mirror images, friction there would be .30 times the pressure."""
+    """Without averages of normals and mirror images, friction at the cuts would be .30 times the pressure, not zero."""
     joint = "|".join(order)
     effects = (
         STEEL,
@@ -110,7 +110,7 @@ def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order)
 @pytest.mark.parametrize("law", FRICTIONS)
 @pytest.mark.parametrize("parts", [2, 4])
 def test_parts_of_a_round_body_in_space_have_the_contact_fields_of_the_whole(parts, law):
-    """A block of tetrahedra rests on a paraboloid; two planes of symmetry meet at the axis of a quarter."""
+    """A block of tetrahedra rests on a paraboloid; a quarter of the block has two planes of symmetry."""
     block = vx.meshes.tetrahedra(3)
     x, y, z = block.points.T
     floor = (x**2 + y**2) / 3
@@ -156,7 +156,7 @@ def normal_at_the_end(mesh, *supports):
 
 @mostly_long("degrees", [0.0, 21.0, 21.5], 1)
 def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees):
-    """The sides of the whole wedge form a curve below 42.5 degrees between their normals, and a tip above."""
+    """If the normals of the sides differ by less than 42.5 degrees, the sides are one curve; else they form a tip."""
     normal = normal_at_the_end(slope(degrees), vx.Symmetry(on="left"))
     if 0 < degrees < 21.25:
         assert np.abs(normal - [0.0, -1.0]).max() < 1e-15

@@ -1,7 +1,7 @@
 """Cases on which estimated mesh errors are compared with true errors: flat and tall cells of aspect 1 to 100.
 
-Blocks and beams have meshes of rectangles of aspect up to 100. Blocks also have meshes of all other families, of aspect
-up to 16. Every case has a finer reference mesh, whose error is a small part of the error of the tested mesh.
+Blocks and beams have meshes of rectangles with aspects up to 100. Blocks also have meshes of all other families, with
+aspects up to 16. Every case has a finer reference mesh, whose error is a small part of the error of the tested mesh.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def cantilever():
 BLOCKS = {"block": (paper_scene, 256), "sheared": (sheared, 192), "heavy": (heavy, 192)}
 SQUARES = ((8, 8), (16, 16), (32, 4), (64, 4), (128, 4), (256, 8), (200, 2))
 CELLS = {1: 12, 4: 6, 16: 4}
-"""Number of cells across the short side of the box, by aspect."""
+"""Aspect -> number of cells across the short side of the box."""
 
 
 def squares(nx: int, ny: int, length: float = 1.0):
@@ -65,7 +65,7 @@ def squares(nx: int, ny: int, length: float = 1.0):
 
 
 def stretched(family: str, n: int, aspect: int, tall: bool):
-    """Return a mesh of a family, made in a long box and mapped to the unit square, with flat or tall cells."""
+    """Return a mesh of the unit square with flat or tall cells: a mesh of a long box, compressed."""
     sides = np.array([1.0, aspect] if tall else [aspect, 1.0])
     mesh = vx.meshes.FAMILIES[family](n, box=tuple((0.0, side) for side in sides))
     return vx.PolygonMesh(mesh.points / sides, list(mesh.cells), boundaries=mesh.boundaries)

@@ -1,4 +1,4 @@
-"""The texts of the project (README.md, CONTRIBUTING.md, the pages of the site), and functions that return parts."""
+"""README.md, CONTRIBUTING.md and the pages of the site, and functions that return parts of these texts."""
 
 from __future__ import annotations
 

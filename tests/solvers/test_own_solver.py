@@ -45,7 +45,7 @@ def solve(solver, program, target):
 
 
 class Mine:
-    """A solver that returns `convert(answer)` for answers of another solver, and has further `attributes`."""
+    """A solver that returns `convert(answer)` for answers of another solver, and has the given `attributes`."""
 
     def __init__(self, convert=lambda answer: answer, solver=None, **attributes):
         self._convert, self._solver = convert, solver or vx.Newton()
@@ -105,7 +105,7 @@ def test_a_third_parameter_receives_the_last_multipliers_and_parameters_may_have
 
 @mostly_long("mesh", [vx.meshes.squares(6), small("voronoi", 6), vx.meshes.cubes(3)], ids=["corner", "cells", "discs"])
 def test_increments_suffice_where_rows_share_unknowns(mesh):
-    """Two rough sides meet. Forces computed from d obey their bounds, and |d - d*| is a rounding error."""
+    """Two rough sides meet in a corner, and the solver returns no multipliers."""
     push = (-3.0, -5.0, -5.0)[: mesh.points.shape[1]]
     rough = vx.UnilateralContact(["bottom", "left"]), vx.TrescaFriction(0.5, "bottom"), vx.TrescaFriction(0.3, "left")
     top = vx.Traction(lambda x, t: np.multiply(t, push), on="top")

@@ -74,7 +74,7 @@ def test_initial_states_are_consistent():
 
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_a_run_may_begin_under_a_load_that_friction_balances(solver):
-    """u_0 = 0 satisfies condition (2.1) of the paper under a load below the bound, and every solver accepts it."""
+    """If the load is below the friction bound, u_0 = 0 satisfies condition (2.1) of the paper."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: np.array([0.5, -0.2]) * (1 + 9 * t), vx.Norms(np.eye(2), [1, 1]))
     history = vx.march(system, [0.0, 1.0], solver=solver)
     assert np.array_equal(history.state[0], [0, 0])

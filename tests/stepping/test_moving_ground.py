@@ -1,4 +1,4 @@
-"""Ground that moves under a body: friction acts on relative slip, and the work of the ground closes the ledger."""
+"""Ground that moves under a body: friction depends on relative slip, and the energy balance has the work of ground."""
 
 from functools import cache
 
@@ -13,7 +13,7 @@ HELD = vx.Clamp(on="right")
 TOUCHING = vx.BilateralContact(on="bottom")
 TIMES = np.linspace(0, 1, 9)
 ROUNDED = 1e-12
-"""Relative rounding error of ninety unknowns with a condition number of a hundred."""
+"""Relative rounding error of a run with ninety unknowns and the condition number 100."""
 
 
 def run(t):
@@ -26,7 +26,7 @@ def belt(x, t):
 
 
 def less(x, t):
-    """Return the opposite of the motion of the ground, for a body on ground at rest."""
+    """Return the opposite of the motion of the ground since t = 0."""
     return run(0.0) - run(t), 0.0
 
 
@@ -103,7 +103,7 @@ def test_a_body_on_a_belt_is_carried_along(way, solver):
 
 
 def test_a_slider_on_a_belt_sticks_and_then_slips():
-    """A slider with friction w on a spring k follows a belt up to w / k; a belt motion U dissipates w (U - w / k)."""
+    """A slider with friction w on a spring k follows a belt up to w / k. A belt motion U dissipates w (U - w / k)."""
     k, w = 4.0, 2.0
     norms = vx.Norms(np.array([[1.0]]), [w], ground=lambda t: [t])
     times = np.linspace(0, 2, 9)

@@ -19,7 +19,7 @@ MESH, SIDES = blocks(2), ["left", "right"]
 
 
 def pulled(law, out=(0.0, 0.02)):
-    """Return the scene of two blocks; the upper block's left side moves from out[0] at t = .5 to out[1] at t = 2."""
+    """Return two blocks; the left side of the upper block has the displacements `out` at t = .5 and t = 2."""
     return vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.Clamp(on="low.bottom"),
@@ -88,7 +88,7 @@ def test_joined_stages_follow_the_closed_form(tmp_path):
     assert both.work_second_order[begun:] == pytest.approx(energy + lost, rel=1e-8)
     pulls = both.reaction("top")
     assert pulls[begun:, 0] == pytest.approx(pressed.MU * gamma * pressed.LENGTH, abs=1e-7)
-    loop = loop_of(both)  # the loop of the stage that moves the top
+    loop = loop_of(both)  # force over displacement of the moved top
     assert (loop.on, loop.axis) == ("top", 0)
     assert np.array_equal(loop.force, pulls[:, 0])
     contact = both.contact

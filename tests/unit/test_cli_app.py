@@ -123,7 +123,7 @@ def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_complete(ran):
-    """Pictures are at least 346 px wide, in a window of 420 px; then letters have at least 12 px."""
+    """Letters have at least 12 px in pictures that are 346 px wide, as in a window of 420 px."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)
@@ -158,7 +158,7 @@ def test_a_failing_cell_and_a_server_that_stops_are_errors(tmp_path, monkeypatch
 
 @pytest.fixture
 def address(tmp_path):
-    """Yield the address of the page, with its token, on a server in its own process; stop the server like Ctrl-C."""
+    """Yield the address of the page on a server in its own process; stop the server by the signal of Ctrl-C."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]
@@ -198,14 +198,14 @@ def test_sliders_change_numbers_and_picture_in_a_browser(ran, address, tmp_path)
     from selenium.webdriver.support.wait import WebDriverWait
 
     def shown(after):
-        """Return the picture and the numbers as soon as both differ from the pair `after`."""
+        """Return the picture and the numbers of the page as soon as both differ from those in `after`."""
         waiting = WebDriverWait(browser, 120, poll_frequency=0.2)
         picture = waiting.until(lambda b: (now := b.execute_script(PICTURE)) != after[0] and now)
         numbers = waiting.until(lambda b: (now := b.execute_script(NUMBERS)) != after[1] and len(now) == 5 and now)
         return picture, numbers
 
     def expected(history, step):
-        """Return the sticking nodes and the loss; the other numbers differ from process to process."""
+        """Return the first two numbers of a step; the other numbers differ from process to process."""
         return [" ".join(number) for number in app.numbers_of(history, step)][:2]
 
     app, found = ran

@@ -24,8 +24,7 @@ BLOCKS = blocks(EFFECT_PAGE, "python") + blocks(page("howto/own_mesh_family"), "
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
-"""The page of a recipe shows a file, which begins with its path, and then the line of code that adds the file to the
-package."""
+"""On the page of a recipe, the block of a file begins with its path. The next block adds the file to the package."""
 
 
 def test_contributing_lists_packages_in_order():
@@ -41,7 +40,7 @@ def test_the_walks_name_functions_and_classes_of_the_package():
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that adds the file of a recipe to the package for one test, and returns the new names."""
+    """Return a function that adds the file of a recipe to the package for one test, and returns its definitions."""
 
     def make(path):
         name = path.removesuffix(".py").replace("/", ".")
@@ -61,7 +60,7 @@ def made(tmp_path, monkeypatch):
 
 
 def test_an_effect_in_one_file_and_one_line_has_the_solution_in_closed_form(made):
-    """A bar of modulus M is fixed at x = 1. Springs k at x = 0 join it to a support that moves by U t."""
+    """A bar of modulus M is fixed at x = 1. Springs k at x = 0 join the bar to a support that moves by U t."""
     Robin = made("vemcvx/effects/robin.py")["Robin"]
     k, young, poisson, U = 3.0, 10.0, 0.3, 0.01
     M = young * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))  # modulus without lateral strain
@@ -100,7 +99,7 @@ def test_a_bed_of_springs_is_normal_compliance():
 
 
 def make_suite(code, is_long, **modules):
-    """Return the suite in the code of a test file, which may import `modules` (name -> source); mark long cases."""
+    """Return the suite in the code of a test file, with long cases marked; the code may import `modules`."""
     known = {"np": np, "vx": vx}
     with pytest.MonkeyPatch.context() as patch:
         for name, source in modules.items():

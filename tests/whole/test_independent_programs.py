@@ -1,11 +1,11 @@
 """Every kind of scene against independent programs: scikit-fem, cvxpy, Clarabel.
 
-On triangles, virtual elements are linear elements, so both programs have the same discrete solution. They agree to 1e-8
-in displacement, traction, pressure, reactions, energy, work and dissipation, over steps with reversals; see
-:mod:`independent_p1`.
+On triangles, virtual elements are linear elements, so that the package and the independent program have the same
+discrete solution. They agree to 1e-8 in displacement, traction, pressure, reactions, energy, work and dissipation, over
+steps with reversals; see :mod:`independent_p1`.
 
 A scene is a tuple of parts. A part is a pair: an effect of the package, and a function that adds the same effect to the
-independent body. Supports come before contact, and contact before friction.
+body of the independent program. Supports come before contact, and contact before friction.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Return nodal vectors (instants, n, 2): sums over rows of value * direction, divided by length if `per_length`."""
+    """Return the vectors value * direction of rows, summed at the nodes (instants, n, 2), and perhaps per length."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)

@@ -1,6 +1,6 @@
 """Properties that every problem has, on random problems: a few examples by default, over a thousand with -m slow.
 
-A property is a function in tests/properties with strategies for its arguments. A test counts the examples that the
+A property is a function in tests/properties; its `strategies` draw its arguments. A test counts the examples that the
 property completed, and fails if there are too few.
 """
 
@@ -36,7 +36,7 @@ MANY = -(-SLOW // len(PROPERTIES))
 
 @pytest.fixture(autouse=True, scope="module")
 def _move_home(tmp_path_factory):
-    """Move the folder in which hypothesis stores constants of the sources out of the repository."""
+    """Let hypothesis store its files outside of the repository."""
     set_hypothesis_home_dir(tmp_path_factory.mktemp("hypothesis"))
 
 

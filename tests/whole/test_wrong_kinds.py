@@ -1,4 +1,4 @@
-"""Arguments of a wrong kind raise errors of vemcvx that name them, and damaged files raise errors with a sentence.
+"""Arguments of a wrong kind raise errors that name the argument, and damaged files raise errors with a sentence.
 
 Every parameter of every public callable receives the values of `WRONG`, including callables that are added later.
 """
@@ -78,7 +78,7 @@ WRONG = {
     **{name: (lambda f=function: f) for name, function in FUNCTIONS.items()},
 }
 ANY_FUNCTION = {"Norms.places", "Limits.places", "Kernel.in_words"}
-"""Parameters that accept any function, because it is called for messages only."""
+"""Parameters that accept any function; vemcvx calls the function for messages only."""
 
 MESH, CUBE = vx.meshes.squares(1), vx.meshes.cubes(1)
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp("right")
@@ -93,7 +93,7 @@ def load(t):
 
 
 def run(made):
-    """Simulate a scene in which an effect replaces the effect of the same kind."""
+    """Simulate a scene that has this effect in place of another effect of its kind."""
     beside = {
         vx.TrescaFriction: (HELD, GRIPPED[0]),
         vx.CoulombFriction: (HELD, vx.UnilateralContact("bottom")),
@@ -157,7 +157,7 @@ OF_RUNS = (
     *(vx.LimitLoad, vx.Shakedown, vx.Sensitivities, vx.Fit),
 )
 OF_SOLVERS = vx.QuantityBound, vx.Operators, vx.StepProgram, vx.SolvedProgram, vx.Answer, vx.Certificate
-"""Records that runs and solvers return, not tested here; `tests/whole/test_contributing.py` tests answers."""
+"""Records that runs and solvers return; they are not tested here."""
 LEFT = {"progress", "stream", "folder", "effects"}
 """Parameters that are not tested: `progress` (any function), paths of output, and the effects of a scene."""
 METHODS = (
@@ -189,7 +189,7 @@ def use(called, made):
 
 
 def list_places():
-    """Yield name, and (callable, valid arguments, parameter to test)."""
+    """Yield pairs: a name, and a triple (callable, valid arguments, parameter to test)."""
     for called in CALLABLES:
         is_error = inspect.isclass(called) and issubclass(called, BaseException)
         if is_error or called in (*OF_RUNS, *OF_SOLVERS, vx.Stabilisation):
@@ -211,7 +211,7 @@ EVERY = len(WRONG)
 @pytest.mark.long
 def test_the_arguments_in_given_are_valid():
     for called, given in {called: given for called, given, _ in PLACES.values()}.items():
-        # The first needs a file, the second an interface between bodies, the third more than one cell.
+        # `read_program` needs a file, `Pretension` an interface between bodies, `Rigid` more than one cell.
         if called not in (vx.read_program, vx.Pretension, vx.Rigid):
             use(called, called(**given))
 

@@ -130,7 +130,7 @@ def test_invalid_options_exit_with_two(options, says):
         (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError"),
         ("import sys; sys.exit(3)", "line 1: executing it failed: SystemExit: 3"),
         (MINIMAL.replace("t + 0 * x", "exit(4)"), "BodyForce"),
-        (MINIMAL + "def times(n): return [0, 0]", "times: instant 1 is 0"),
+        (MINIMAL + "def times(n): return [0, 0]", "times: found [0, 0]"),
     ],
 )
 def test_invalid_problem_files_exit_with_two(tmp_path, text, says):

@@ -110,11 +110,8 @@ def _judge_row(system: System, row: Row, run: Trajectory | None, best: Trajector
         apart, limit, kept = distance(system, best, run)
     missed, message = np.flatnonzero(run.certificate > row.asked), ""
     if len(missed):
-        n = missed[0]
-        message = (
-            f"misses its accuracy at {len(missed)} of {len(run.times)} instants, first at t = {run.times[n]:.6g}, "
-        )
-        message += f"where it reached {run.certified[n]:.1e}"
+        first = f"t = {run.times[missed[0]]:.6g}, where it reached {run.certified[missed[0]]:.1e}"
+        message = f"misses its accuracy at {len(missed)} of {len(run.times)} instants, first at {first}"
     return replace(
         row,
         outcome=MISSED if message else CERTIFIED,

@@ -94,10 +94,14 @@ class Run:
             mesh = problem.mesh(n, self.mesh, self.settings)
             if problem.has_stages:
                 history, words = self._simulate_stages(problem, mesh, stored, show=show, folder=folder)
-            elif self.target is None:
-                history, words = self.simulate(self.pose(problem, mesh, steps), show, store=stored, stream=rows)
             else:
-                history, words = self._adapt(self.pose(problem, mesh, steps), self.target, show)
+                posed = problem.pose(self.settings, mesh, steps, make_solver(self.solver, self.accuracy))
+                show("assembling", 0, None)
+                if self.target is None:
+                    how = {"bound": self.bound, "resume": self.resume is not None, "store": stored, "stream": rows}
+                    history, words = self._march(posed, progress=partial(show, "marching"), **how), []
+                else:
+                    history, words = self._adapt(posed, self.target, show)
             history = replace(history, units=problem.units)
             summary = self._write(history, problem, folder, n, show)
             if rows is not None:
@@ -142,19 +146,6 @@ class Run:
         if failed := {row["status"] for row in rows} - {DONE}:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
 
-    def simulate(self, posed: Posed, show: ShowProgress, **how: Any) -> tuple[History, list[str]]:
-        """Return the history, and a line if the run was resumed; `show` displays the progress."""
-        made = []
-        show("assembling", 0, None)
-
-        def advance(n: int, steps: int) -> None:
-            made.append(n)
-            show("marching", n, steps)
-
-        history = self._march(posed, progress=advance, bound=self.bound, resume=self.resume is not None, **how)
-        words = [] if self.resume is None else [f"after step {history.steps - len(made)} of {history.steps}"]
-        return history, [f"resumed     {one}" for one in words]
-
     def _march(self, posed: Posed, **how: Any) -> History:
         """Return the history of a posed run."""
         return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
@@ -173,13 +164,8 @@ class Run:
             lines.append(f"stage {k:<6d}t = {times[0]:.6g} ... {times[-1]:.6g}, {count_steps(found[-1].steps)}{where}")
         return joined(found), lines
 
-    def pose(self, problem: Problem, mesh: AnyMesh, steps: int) -> Posed:
-        """Return the arguments of `simulate` and `adapt` by the options of the command."""
-        return problem.pose(self.settings, mesh, steps, make_solver(self.solver, self.accuracy))
-
     def _adapt(self, posed: Posed, target: float, show: ShowProgress) -> tuple[History, list[str]]:
         """Return the history of an adaptive run that begins with the mesh and the instants of `posed`."""
-        show("adapting", 0, None)
 
         def show_estimate(now: Any) -> None:
             show(f"adapting, {now.unknowns} unknowns and {count_steps(now.steps)}, error {now.total:.1%}", 0, None)

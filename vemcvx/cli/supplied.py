@@ -7,7 +7,6 @@ import json
 import os
 import re
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +22,20 @@ class Supplied:
 
     path: Path
 
-    @cached_property
-    def _tree(self) -> ast.Module:
+    def _parse(self) -> ast.Module:
         return ast.parse(self.path.read_text(encoding="utf-8"))
 
     @property
     def sentence(self) -> str:
         """The first sentence of the file's docstring; in lessons this is a heading."""
-        text = " ".join((ast.get_docstring(self._tree) or "").removeprefix("# ").split())
+        text = " ".join((ast.get_docstring(self._parse()) or "").removeprefix("# ").split())
         first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # an initial such as J. ends no sentence
         return first.group() if first else text
 
     @property
     def is_problem(self) -> bool:
         """True for a problem file: it defines mesh, and either scene and times, or stages."""
-        defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
+        defined = {node.name for node in self._parse().body if isinstance(node, ast.FunctionDef)}
         return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any
 
@@ -66,9 +66,8 @@ class BilateralContact(Effect):
 class PrescribedSlip(Effect):
     """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
 
-    The jump is the displacement of the first body relative to the second; on a boundary, of the body relative to the
-    ground. `history.reaction(on)` is the force along the fault that causes the slip, and `history.force(on)` the force
-    across the fault. TrescaFriction on the same interface acts against the slip; CoulombFriction is refused there.
+    `history.reaction(on)` is the force along the fault that causes the slip, and `history.force(on)` the force across
+    the fault. TrescaFriction on the same interface acts against the slip; CoulombFriction is refused there.
 
     Parameters
     ----------
@@ -80,11 +79,8 @@ class PrescribedSlip(Effect):
 
     Examples
     --------
-    >>> blocks = {name: vx.meshes.squares(2, box=((0, 1), (y, y + 1))) for name, y in (("low", 0), ("up", 1))}
-    >>> scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="low.bottom"), vx.PrescribedSlip(0.1, on="low|up"))
-    >>> history = vx.simulate(scene, vx.meshes.bodies(blocks), [0.0, 1.0], initial="settled")
-    >>> [round(float(x), 9) + 0.0 for x in history.mean("displacement", on="up")[-1]]
-    [0.1, 0.0]
+    >>> print(vx.PrescribedSlip(0.1, on="low|up").describe())
+    PrescribedSlip: slip = 0.1, u.n = 0 on low|up
     """
 
     value: data.Datum
@@ -152,14 +148,16 @@ class UnilateralContact(Effect):
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
 
 
-def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
+def obstacle(
+    space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats, rates: bool = False
+) -> Contribution:
     """Return the contribution of an obstacle at rows of nodes and normals."""
     points = space.mesh.points[rows.nodes]
 
     def distance(t: float) -> Floats:
         return data.scalar(gap, points, t, f"{subject}: gap") / rows.cosines
 
-    stops = Obstacle.from_rows(rows, subject, gap=distance, compliance=compliance)
+    stops = Obstacle.from_rows(rows, subject, gap=distance, compliance=compliance, rates=rates)
     return Contribution(obstacles=(stops,), curves=(subject,) if rows.curved else ())
 
 
@@ -170,8 +168,8 @@ STIFFNESS_RULE = "it must be > 0. For a rigid obstacle, use UnilateralContact; f
 class NormalCompliance(Effect):
     """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
-    The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
-    of Martins and Oden (Nonlinear Anal. 11, 1987) with the exponent m_n = 1.
+    The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy` (Martins and
+    Oden, Nonlinear Anal. 11, 1987).
 
     Parameters
     ----------
@@ -208,7 +206,7 @@ class VelocityContact(Effect):
     """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
 
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
-    pressure is the normal damped response p = damping (u'.n)_+ (Han and Sofonea 2002), whose work is part of
+    pressure is the normal damped response p = damping (u'.n)_+ (docs/theory/coulomb.md), whose work is part of
     `history.dissipated`. In a step of length k, u' is (u - u_prev) / k.
 
     Parameters
@@ -235,8 +233,7 @@ class VelocityContact(Effect):
         if self.damping is not None:
             damping = self._read("damping", data.At(space.mesh.points[rows.nodes]))
             compliance = 1.0 / (damping * rows.lengths * rows.cosines**2)
-        found = obstacle(space, rows, self._subject, 0.0, compliance)
-        return replace(found, obstacles=tuple(replace(one, rates=True) for one in found.obstacles))
+        return obstacle(space, rows, self._subject, 0.0, compliance, rates=True)
 
     def describe(self) -> str:
         if self.damping is None:
@@ -278,9 +275,8 @@ class _Friction(Effect):
 class TrescaFriction(_Friction):
     """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
-    The bound does not depend on pressure. So friction also acts where one-sided contact is open; a warning is then
-    issued (see `while_closed`). Bounds of overlapping parts add up. If a prescribed displacement moves nodes along the
-    obstacle, the support carries their friction. In a step without such a motion, this friction is taken as 0.
+    Friction also acts where one-sided contact is open (see `while_closed`). Bounds of overlapping parts add up. If a
+    prescribed displacement moves nodes along the obstacle, the support carries their friction.
 
     Parameters
     ----------
@@ -291,9 +287,8 @@ class TrescaFriction(_Friction):
     quadrature : {"nodes", "integral"}
         The weight of node i with the basis function phi_i: for "nodes" g(x_i) int phi_i, for "integral" int g phi_i.
     while_closed : bool, optional
-        True: the bound is g where one-sided contact is closed, and 0 elsewhere. Friction then depends on pressure, and
-        is certified as with CoulombFriction. False: the bound is g everywhere. None (default): as False, with the
-        warning.
+        True: the bound is g where one-sided contact is closed, and 0 elsewhere. False: the bound is g everywhere. None
+        (default): as False, with a warning where friction acts without contact.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (such as a belt). Only its part along the
         boundary counts; for motions along the normal, use a `gap` that changes in time.
@@ -348,14 +343,8 @@ def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Call
 class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    The effect needs UnilateralContact or NormalCompliance on the same boundary. The solution of a step minimises no
-    energy. It solves a convex problem of Tresca's friction, whose weights are the coefficient times the normal forces
-    of this solution (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991). The certificate "for the given
-    friction" bounds the error in Tresca's problem. A solution exists, and is unique for small coefficients.
-
-    Where two parts of the boundary meet at a node, the nodal force is divided among the edges, and friction of each
-    part is proportional to the force on its edges. Where a prescribed displacement moves nodes along the obstacle,
-    friction acts as with TrescaFriction; the normal component must be free there, or the pressure is unknown.
+    The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate is "for the given
+    friction", the bounds that follow from the computed pressure (docs/theory/coulomb.md).
 
     Parameters
     ----------
@@ -401,10 +390,8 @@ class CoulombFriction(_Friction):
 class SpeedFriction(_Friction):
     """Friction whose bound depends on the speed: |friction| <= bound(|s| / k) for the slip s in a step of length k.
 
-    If `bound` does not fall with the speed, every step is a convex program with one solution, and its certificate
-    bounds the error. If `bound` falls, a step may have several solutions, and the certificate is "for the given
-    friction"; a warning then compares `softening` with the stiffness of the body. For the existence of solutions, see
-    Han and Sofonea (*Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002).
+    If `bound` falls with the speed, a step may have several solutions, and the certificate is "for the given friction"
+    (docs/theory/coulomb.md).
 
     Parameters
     ----------

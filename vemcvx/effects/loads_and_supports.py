@@ -60,8 +60,8 @@ class Pressure(Effect):
     value : number, or callable f(x, t) -> (m,)
         p, force per length (and unit thickness), in space per area, evaluated at t_n; compression is positive.
     on : str or sequence of str
-        Boundary names. At a corner, the pressure acts on each side along the normal of that side. At an interface (a
-        crack or a joint filled with fluid), the pressure pushes both bodies apart, whether they touch or not.
+        Boundary names. At an interface (a crack or a joint filled with fluid), the pressure pushes both bodies apart,
+        whether they touch or not.
 
     Examples
     --------
@@ -87,8 +87,7 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
 
-    v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper. For constant f, the
-    resultant is exact.
+    v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper.
 
     Parameters
     ----------
@@ -119,10 +118,7 @@ class BodyForce(Effect):
 
 @dataclass(frozen=True)
 class PointLoad(Effect):
-    """A force on single nodes (per unit thickness).
-
-    At the point, displacement and energy grow without bound as cells become smaller (Flamant); elsewhere the solution
-    converges.
+    """A force on single nodes (per unit thickness); displacements there grow without bound as cells become smaller.
 
     Parameters
     ----------
@@ -202,8 +198,7 @@ def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
 class Symmetry(Effect):
     """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
-    Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`. Where a contact curve ends
-    on a straight line of symmetry, normals and pressures are those of the whole body.
+    Unlike BilateralContact, Symmetry is a support: its force is part of `history.reaction`.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 
 
 class MaterialLaw(Effect):
-    """The base class of materials. A scene has at least one material, and every cell exactly one.
+    """The base class of materials.
 
     Examples
     --------
@@ -138,9 +138,8 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper. Plane stress has the reduced
-# 2 lam mu / (lam + 2 mu) in place of lam. A blocked eigenstrain s, equal in all directions, causes the stress -b s with
-# b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu). In plane strain sigma_zz = lam (e_xx + e_yy) - b s.
+# sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper; plane stress has 2 lam mu / (lam + 2 mu) in place of lam. A
+# blocked eigenstrain s in all directions causes the stress -b s, b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu).
 STABILISATIONS = ("shear", "unit")
 
 
@@ -157,9 +156,7 @@ class Elasticity(_Elastic):
     plane : {"strain", "stress", "axisymmetric"}, optional
         The state of a plane body; "strain" by default. It must be left out for bodies in space. "axisymmetric" is a
         body of revolution about the axis x = 0: the mesh is its half section, x is the radius and y the axial
-        coordinate. Nodes on the axis are held radially. **All forces, works and energies refer to the full turn**.
-        Tractions, pressures and friction bounds are forces per area. A `PointLoad` is the force on the whole circle;
-        radial components of resultants are sums around the turn. `history.out_of_plane_stress` is the hoop stress.
+        coordinate. **All forces, works and energies refer to the full turn** (docs/howto/bodies_of_revolution.md).
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
         the factor 2 mu and does not lock; "unit" has the factor 1, as in the paper.
@@ -181,14 +178,15 @@ class Elasticity(_Elastic):
 
     def contribute(self, space: Space) -> Contribution:
         part = super().contribute(space)
-        (simplices, others), fraction = space.simplices
+        simplices = sum(len(group.cells) for group in space.groups if group.simplices)
         # Linear triangles lock: at nu = .49 their error is twice the error of polygons.
-        if self._plane != "stress" and fraction > 0.5:
+        if self._plane != "stress" and 2 * simplices > space.mesh.n_cells:
             inside = cells_of(space, self.on, "Elasticity")
             largest = self._read("poisson", data.InCells(space.mesh, inside=inside)).max()
             if largest > 0.49:
-                words = f"poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not."
-                warnings.warn(f"Elasticity: {words}", SceneWarning, stacklevel=2)
+                found = f"Elasticity: poisson = {largest:.9g} on a mesh of triangles or tetrahedra"
+                words = f"{found}, which lock near 1/2; other polygons and polyhedra do not."
+                warnings.warn(words, SceneWarning, stacklevel=2)
         return part
 
     def describe(self) -> str:
@@ -350,9 +348,7 @@ def _words(values: Any) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    See Han and Sofonea, *Quasistatic Contact Problems in Viscoelasticity and Viscoplasticity*, 2002, chapter 6.
     `history.dissipated` includes the viscous loss, and forces include viscous forces; energy and `stress` are elastic.
-    The initial state may violate equilibrium, (2.1) of the paper.
 
     Parameters
     ----------

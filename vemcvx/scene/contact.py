@@ -103,10 +103,7 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Find the pairs (contact row, row of A) in which the force on the row of A is a normal contact force.
-
-    Return a mask (k,) of contact rows whose normal only contact holds, the cosines between paired rows, and the pairs.
-    """
+    """Return a mask (k,) of rows whose normal only contact holds, and the rows of A with normal contact forces."""
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
     contact = repeat_by_row(supports.given, [support.contact for support in supports.given])[holds].astype(bool)

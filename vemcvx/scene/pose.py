@@ -59,24 +59,6 @@ def build_dirichlet_force(A: sp.csr_matrix, supports: Supports) -> Callable[[flo
     return lambda t: matrix @ supports.motion(t)[moved]
 
 
-def build_motion(
-    A: sp.csr_matrix,
-    supports: Supports,
-    tangential: sp.csr_matrix,
-    normal: sp.csr_matrix,
-    body_frame: Callable[[Floats], Floats],
-) -> Motion:
-    """Return the Motion of moving supports for a System with stiffness A and these rows of norm terms and limits."""
-    return Motion(
-        dirichlet_force=build_dirichlet_force(A, supports),
-        prescribed_slip=lambda t: tangential @ supports.motion(t),
-        stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
-        frame=lambda t, y: body_frame(supports.P @ y + supports.motion(t)),
-        pair=lambda v, w: float(v @ (A @ w)),
-        remaining_gap=lambda t: normal @ supports.motion(t),
-    )
-
-
 T = TypeVar("T")
 UNHELD = "the motion of the whole body: nothing holds it and its loads balance, so the mean motion is taken to be zero"
 
@@ -110,18 +92,23 @@ class PosedScene:
 
     @cached_property
     def system(self) -> System:
-        """The system in free unknowns, in consistent units.
-
-        With A the stiffness over all nodal values, f the nodal load, and B^ the projections on tangents of contact
-        nodes: K = P'A P, load = P'(f - A u_D), B = B^ P, prescribed_slip = B^ u_D, and dirichlet_force = P'A u_D.
-        """
+        """The system in free unknowns: K = P'A P, load = P'(f - A u_D), B = B^ P for the nodal load f."""
         A, supports, terms = self.A, self.supports, self.terms
         # Rigid motions have energy with springs and in bodies of revolution; otherwise the frame subtracts them.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
         def motion(stiffness: sp.csr_matrix, tangential: sp.csr_matrix, normal: sp.csr_matrix) -> Motion | None:
-            return None if supports.still else build_motion(stiffness, supports, tangential, normal, frame)
+            if supports.still:
+                return None
+            return Motion(
+                dirichlet_force=build_dirichlet_force(stiffness, supports),
+                prescribed_slip=lambda t: tangential @ supports.motion(t),
+                stored=lambda s, t: float(supports.motion(s) @ (stiffness @ supports.motion(t))),
+                frame=lambda t, y: frame(supports.P @ y + supports.motion(t)),
+                pair=lambda v, w: float(v @ (stiffness @ w)),
+                remaining_gap=lambda t: normal @ supports.motion(t),
+            )
 
         damping, none = None, sp.csr_matrix((0, A.shape[0]))
         if self.viscosity is not None:
@@ -164,10 +151,7 @@ def suppress_scene_warnings() -> Iterator[None]:
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; drop frictions whose bounds are zero at all of `times`.
-
-    If friction can act between the instants, pass the instants as `between`, not as `times`: then none is dropped.
-    """
+    """Assemble a scene on a mesh; drop frictions whose bounds are zero at all of `times`, but not those `between`."""
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)

@@ -2,7 +2,7 @@
 
 Let A be the stiffness of a body that nothing holds, and R (n_u, k) its rigid motions. A u = f has a solution u if the
 loads f balance: R'f = 0. To choose one solution, k nodal values on which R is regular are held at zero (*pins*); they
-bear no force. Results are the solution without its mean rigid motion (:mod:`vemcvx.results.results`).
+bear no force. Results are the solution without its mean rigid motion.
 """
 
 from __future__ import annotations
@@ -39,11 +39,7 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
 
 
 def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Floats, directed: bool = False) -> str:
-    """Return the motion of a connected part in words; if `directed` is True, with the sense of the motion.
-
-    `bodies` has the name of each piece's body. `axes` (pieces, k, k) maps coefficients of orthonormal motions of pieces
-    to coefficients along and about the axes.
-    """
+    """Return the motion of a connected part in words, with its sense if `directed`; `axes` is from `_motions`."""
     mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
     each = mode.reshape(len(bodies), -1)
     large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -81,10 +77,9 @@ FREE_FRACTION = 1e-12
 def floating_motions(
     space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the rigid motions that no support resists, but friction or contact does; None if there are none.
+    """Return the rigid motions that only `felt` (rows, n), the rows of norm terms and limits, resist, or None.
 
-    Return also True if all are motions of named bodies: contact at an interface usually holds these. `felt`
-    (rows, n) are the rows of norm terms and limits. Raise SceneError if there is a motion that no such row resists.
+    Return also True if all are motions of named bodies. Raise SceneError if there is a motion that nothing resists.
     """
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]

@@ -1,10 +1,8 @@
 """Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
 
 A row is n . u(i) at a node i against an obstacle, or n . (u(i) - u(j)) at nodes i and j of two bodies. The outward
-normal n is that of the first body; rows along tangents have a tangent in place of n. One effect acts on a *part* of the
-boundary. The *ends* of a row at node i are the sides of this part that contain i. The length of an end is the integral
-of the basis function of i, half of an edge. If a norm term merges rows of several parts, shared ends count once. A
-force on a row R of one table is spread over another table: a row S gets (length of common ends) / (length of R).
+normal n is that of the first body; rows along tangents have a tangent in place of n. The *ends* of a row at node i are
+the sides of its part of the boundary that contain i, each with the integral of the basis function of i.
 """
 
 from __future__ import annotations

@@ -116,9 +116,7 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
     """Return each effect with its contribution.
 
-    A contact curve that ends at a plane of Symmetry, or on the axis of a body of revolution, continues behind it as a
-    mirror image. So effects of contact are evaluated again with these planes: nodes on the planes get the normals of
-    the whole body.
+    Effects of contact are evaluated again with the planes of symmetry: there nodes get the normals of the whole body.
     """
     parts = [(effect, effect.contribute(space)) for effect in effects]
     planes = [

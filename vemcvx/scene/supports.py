@@ -9,10 +9,10 @@ where y are free unknowns, and u_D = H g is prescribed. Nodal reactions R are eq
 Supports with patterns M, such as the motions of a rigid part, prescribe A u = g(t) + M c with unknown amplitudes c.
 Then u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P.
 
-Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. P and H are
-found site by site. Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of
-bilateral contact, then from normals of friction and obstacles; coordinate axes complete the frame. Directions of the
-first two kinds are held, all others are columns of P. So no two friction terms share an unknown, and sticking is exact.
+Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. At each site
+Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of bilateral contact, then
+from normals of friction and obstacles, then from coordinate axes. Directions of the first two kinds are held; others
+are columns of P. So no two friction terms share an unknown, and sticking is exact.
 """
 
 from __future__ import annotations

@@ -147,12 +147,6 @@ def nameless(thing: Any) -> Any:
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
 
 
-def is_frozen(sample: EffectSample) -> None:
-    for name in sample.fields:
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(sample.effect, name, None)
-
-
 def contributes_the_same_arrays_after_other_runs(sample: EffectSample) -> None:
     """Check that arrays stay the same after a run, after use of another mesh, and for a copy of the effect."""
     first = sample.contribution(sample.effect)
@@ -259,21 +253,6 @@ def refuses_nan_and_infinity(sample: EffectSample) -> None:
                 sample.answer(sample.replace(**{name: np.nan}), *sample.beside)
 
 
-def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
-    for name, components in sample.data.items():
-        handed: dict[int, Floats] = {}
-
-        def function(x: Floats, *t: float, handed: dict[int, Floats] = handed, components: int = components) -> Floats:
-            shape = (len(x), components) if components > 1 else len(x)
-            return handed.setdefault(len(x), np.full(shape, 0.25))
-
-        effect = sample.replace(**{name: function})
-        first = sample.contribution(effect)
-        assert handed
-        assert all((array == 0.25).all() for array in handed.values())
-        assert sample.contribution(effect) == first
-
-
 def describes_itself_in_one_line(sample: EffectSample) -> None:
     words = sample.effect.describe()
     assert words.startswith(sample.name + ":")
@@ -323,14 +302,12 @@ def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
 
 
 PROPERTIES: tuple[Callable[[EffectSample], None], ...] = (
-    is_frozen,
     contributes_the_same_arrays_after_other_runs,
     contributes_finite_arrays_that_fit_the_space,
     has_the_slope_of_its_law,
     refuses_an_unknown_name_and_lists_existing_ones,
     takes_a_name_or_a_list_of_names,
     refuses_nan_and_infinity,
-    leaves_the_arrays_of_the_user_alone,
     describes_itself_in_one_line,
     survives_a_copy_to_another_process,
     does_not_depend_on_its_place_in_the_scene,

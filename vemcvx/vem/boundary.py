@@ -202,24 +202,17 @@ def _curvature(group: FaceGroup) -> Floats:
     return np.linalg.norm(np.cross(a, b), axis=2) / lengths
 
 
-# Rows of a part of the boundary: one per node and distinct normal.
+# Rows of a part of the boundary: one per node and distinct normal (docs/signs.md, "Corners and curves").
 #
-# At a corner (in space also at an edge), a condition along the normal holds for the normal of every side. Neighbouring
-# sides whose normals differ by less than 42.5 degrees form a curve, and their common node has one mean normal. With two
-# normals, this node could not slide along the curve, however fine the mesh is.
-#
-# Normals are averaged with the weights 1 / length of sides; in space with weights sin(alpha) / (|a| |b|), where a and b
-# are the edges of a face at the node and alpha is their angle (N. Max, J. Graphics Tools 4 (1999)). These means are
-# exact for nodes on a circle or a sphere. Sides much shorter than their neighbours get almost no weight, because
-# rounding may turn short sides.
-#
-# A curve that ends on a plane of symmetry continues as its mirror image. If the curve and its image form a corner, the
-# node keeps the normal of the curve.
+# Neighbouring sides whose normals differ by less than 42.5 degrees form a curve. With two normals, their common node
+# could not slide along the curve, however fine the mesh is. Normals are averaged with the weights 1 / length of sides;
+# in space with weights sin(alpha) / (|a| |b|), where a and b are the edges of a face at the node and alpha is their
+# angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for nodes on a circle or a sphere.
 #
 # In the plane, nodes of the other body of an interface hang in the sides of the curve. Means are taken over whole
 # sides, which hanging nodes do not divide. The normal at a hanging node is interpolated between the ends of its whole
 # side: otherwise friction and pressure in a press fit would oscillate at every h (Yang, Laursen, Meng, Int. J. Numer.
-# Meth. Engng 62 (2005); Puso, Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004)).
+# Meth. Engng 62 (2005)).
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
 """Largest distance between the unit normals of neighbouring sides of one curve."""

@@ -1,13 +1,4 @@
-"""Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement.
-
-The energy projection P^h u_0 of a displacement u_0 satisfies a^h(P^h u_0, v) = a(u_0, v) for all v of V^h: (2.11) of
-the paper named in :mod:`vemcvx`. Inside a cell K, v is unknown, so a(u_0, v) is replaced by
-
-    sum_K |K| C eps_K : eps(Pi v),     |K| eps_K = int_K eps(u_0) = sym int_dK u_0 (x) n ds
-
-with the outward normal n and the symmetric part sym. The difference is O(h) for u_0 in H^2, the order of (3.18), and
-zero for linear u_0.
-"""
+"""Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement."""
 
 from __future__ import annotations
 
@@ -37,9 +28,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# match all moments of degree 2. They lie on an ellipse that every convex cell contains (Kannan, Lovasz, Simonovits,
-# Discrete Comput. Geom. 13 (1995)). A cell is cut into triangles, with three points each, if one of its four points is
-# not clearly inside. Triangular cells always have this rule, because their sides touch the ellipse.
+# match all moments of degree 2, and every convex cell contains them (Kannan, Lovasz, Simonovits, Discrete Comput. Geom.
+# 13 (1995)). A cell is cut into triangles, with three points each, if it is a triangle, or if one of its four points is
+# not clearly inside.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -206,7 +197,11 @@ def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
-    """Return the mean strain (n_cells, components) of a displacement, given as a function of points (q, dim)."""
+    """Return the mean strain (n_cells, components) of a displacement, given as a function of points (q, dim).
+
+    In the energy projection P^h u_0, (2.11) of the paper, |K| C eps_K : eps(Pi v) replaces a_K(u_0, v), with the mean
+    strain eps_K of u_0; the difference is O(h) for u_0 in H^2, and zero for linear u_0.
+    """
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
         part = face_part(np.arange(mesh.n_faces), mesh)

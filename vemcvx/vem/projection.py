@@ -23,15 +23,12 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values (docs/theory/virtual_elements.md).
-#
-# grad Pi v is the mean gradient of v, and Pi v has the mean of v over the boundary. v is linear on the edges
-# e_i = [x_i, x_{i+1}], whose outward normals n_i satisfy |e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1}). By Gauss' theorem,
+# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values (docs/theory/virtual_elements.md):
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i,
 #     grad Pi v = sum_i v_i (x) G_i,   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
 #
-# with the perimeter |dK|. Nothing divides by an edge length, so edges may be as short as rounding allows.
+# with the edges e_i = [x_i, x_{i+1}] and the perimeter |dK|. Edges may be as short as rounding allows.
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
     """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
 
@@ -71,8 +68,7 @@ def tangents_of(normals: Floats) -> Floats:
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|.
 #
-# Both cells of a face share its triangles, so the sum of b_i over a closed surface vanishes even if rounding warps
-# faces. A face that is not star-shaped about c is cut into triangles along diagonals, without c.
+# A face that is not star-shaped about c is cut into triangles along diagonals, without c.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
     """A group of faces with equally many vertices, cut into equally many triangles."""
@@ -295,14 +291,6 @@ def second_moments(about: Floats) -> Floats:
 
 
 # Cells of bodies of revolution, in the coordinates (r, z): formulas of docs/theory/virtual_elements.md.
-#
-# With V = int_K r dA, the mean strains with the weight 2 pi r are, by Gauss' theorem,
-#
-#     V e_rr = oint r u_r n_r ds - int Pi u_r dA,             V e_zz = oint r u_z n_z ds,
-#     V 2 e_rz = oint r (u_r n_z + u_z n_r) ds - int Pi u_z dA,    V e_tt = int Pi u_r dA.
-#
-# The energy also contains the variation of the hoop strain within the cell, about 2 mu g'M g / r_c with
-# g = grad Pi u_r - e_tt grad r, and the second moments M and the radius r_c of the centroid.
 @dataclass(frozen=True, eq=False)
 class RingGroup(CellGroup):
     """A group of cells of a body of revolution: all integrals are over the full turn."""

@@ -71,13 +71,6 @@ class Space:
         return cell_groups(self.mesh, self.axisymmetric)
 
     @property
-    def simplices(self) -> tuple[tuple[str, str], float]:
-        """Names for simplices (on which Pi v = v) and for other cells, and the fraction of cells that are simplices."""
-        count = sum(len(group.cells) for group in self.groups if group.simplices)
-        plane = "triangles", "polygons (squares, voronoi, hexagons)"
-        return plane if self.in_plane else ("tetrahedra", "polyhedra (cubes, voronoi3)"), count / self.mesh.n_cells
-
-    @property
     def incidences(self) -> tuple[Ints, Ints]:
         """The cells (k,) and the nodes (k,) of all pairs of a cell and one of its nodes, ordered by cell."""
         offsets, nodes = self.mesh.cell_nodes

@@ -1,15 +1,9 @@
 """Stabilisations S_K: energies of u - Pi u, the part of a displacement u that the projection Pi drops on a cell K.
 
-By (3.13) of the paper named in :mod:`vemcvx`, with the elastic matrix C,
-
-    a_K^h(u, v) = (C eps(Pi u), eps(Pi v))_K + S_K(u - Pi u, v - Pi v).
-
-(I - Pi) p = 0 for linear p, so the patch test holds for any S_K. For stability, (2.9), S_K must be comparable to the
-true energy of (I - Pi) v (docs/theory/virtual_elements.md). In vertex values S_K is a symmetric matrix S, positive
-definite on the range of I - Pi; the local matrix contains (I - Pi)' S (I - Pi).
-
-Two stabilisations S = tau h_K^(dim - 2) I have names: tau = 2 mu is "shear", tau = 1 is "unit", as in the paper. All
-others are subclasses of :class:`Stabilisation`. Error bounds (:mod:`vemcvx.bound`) hold with any S_K.
+In vertex values S_K is a symmetric matrix S, positive definite on the range of I - Pi; the local matrix contains
+(I - Pi)' S (I - Pi). The patch test holds for any S_K; for stability, (2.9) of the paper named in :mod:`vemcvx`, S_K
+must be comparable to the true energy of (I - Pi) v (docs/theory/virtual_elements.md). S = tau h_K^(dim - 2) I has a
+name for tau = 2 mu ("shear") and for tau = 1 ("unit", as in the paper). Error bounds hold with any S_K.
 """
 
 from __future__ import annotations

@@ -1,17 +1,10 @@
-r"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
+"""Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
-Components of symmetric tensors have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear
-strains are 2 e_xy and so on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli are
-arrays with one column per cell. Two rows are Lame's lam (reduced in plane stress) and mu; more rows are the upper
-triangle of the elastic matrix C by rows: 6 in the plane (xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy), 21 in space, 10 in
-a body of revolution. With xx for sigma_xx, the principal stresses in the plane and von Mises' stress are
-
-$$ \sigma_{1,2} = \tfrac{xx + yy}2 \pm \sqrt{\big(\tfrac{xx - yy}2\big)^2 + xy^2} \quad \text{(Mohr's circle, 1882)}, \\
-\sigma_v^2 = \tfrac12 \big( (xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2 \big) + 3 (xy^2 + yz^2 + xz^2)
-\quad \text{(von Mises, 1913)}. $$
-
-The out-of-plane stress zz is the third principal stress: 0 in plane stress; in plane strain lam (e_xx + e_yy), plus
-thermal stress.
+Components have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear strains are 2 e_xy and so
+on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli are arrays with one column per cell.
+Two rows are Lame's lam (reduced in plane stress) and mu; more rows are the upper triangle of the elastic matrix C by
+rows: 6 in the plane (xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy), 21 in space, 10 in a body of revolution. The stress zz
+of a plane body is its third principal stress: 0 in plane stress, lam (e_xx + e_yy) plus thermal stress in plane strain.
 """
 
 from __future__ import annotations

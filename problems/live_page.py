@@ -2,9 +2,9 @@
 
     vemcvx app [FILE]
 
-This marimo app takes any problem file; `marimo edit live_page.py` opens the app as a notebook. Every parameter of the
-function `scene` that is a positive number has a slider. If `scene` has the parameter `course` (the load in time), the
-page offers load paths.
+This marimo app takes any problem file; `marimo edit live_page.py` opens the app as a notebook. A parameter of the
+function `scene` has a slider if its default value is a positive number. If `scene` has the parameter `course` (the load
+in time), the page offers load paths.
 """
 
 import marimo

@@ -8,8 +8,8 @@ For large lambda the divergence of u is of the size 1 / lambda, so that stresses
 displacement vanishes. The whole contact slips to the right, and friction is at its bound
 t mu x^2 (lambda + 2) / (6 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides.
 All data are proportional to t, so that only the mesh causes errors: backward Euler is exact. The same holds with any
-increasing phi(t) in place of t, in any number of steps. (At t = 1 strains are of the order of 1, and a run warns about
-these strains. In a linear theory the size of strains does not matter. The picture shows a tenth of the displacements.)
+increasing phi(t) in place of t, in any number of steps. At t = 1 strains are of the order of 1, and a run warns about
+these strains. In a linear theory the size of strains does not matter. The picture shows a tenth of the displacements.
 
 The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
 O(h^2). The energy that the wrong volume causes is proportional to lambda: at lambda = 1e6 and h = 1/8 this energy

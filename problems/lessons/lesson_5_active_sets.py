@@ -134,13 +134,15 @@ sets_picture()
 # %% [markdown]
 # ## 2. In the plane: superlinear convergence
 #
-# A node of a body on a table can slip in two directions. Then the clip becomes the projection on a disc. Outside the
-# disc, the projection $w\hat\lambda/|\hat\lambda|$ is not linear. Newton's method needs its derivative,
+# A node of a body on a table can slip in two directions. Then the projection of $\hat\lambda$ on the disc of the radius
+# $w$ takes the place of the clip. Outside the disc, the projection $w\hat\lambda/|\hat\lambda|$ is not linear. Newton's
+# method needs its derivative,
 #
 # $$\frac{w}{|\hat\lambda|}\left(I - \frac{\hat\lambda \hat\lambda^T}{|\hat\lambda|^2}\right).$$
 #
 # Linearise the equation, and solve for $\lambda$. A slipping node then carries the force $w \hat\lambda/|\hat\lambda|$.
-# Friction also resists a change of this direction, like a spring across the direction. The stiffness of this spring is
+# Friction also resists a change of this direction, like a spring at right angles to the direction. The stiffness of
+# this spring is
 #
 # $$\frac{\gamma w}{|\hat\lambda| - w} .$$
 #
@@ -221,8 +223,8 @@ errors_picture()
 # %% [markdown]
 # ## 3. Cycles
 #
-# A spring joins a first block to a second block, another spring joins the second block to the wall. The first block is
-# pulled back by the force 3, the second forward by the force 2, and both friction bounds are 1:
+# One spring joins two blocks, and another spring joins the second block to a wall. The first block is pulled back by
+# the force 3, the second forward by the force 2, and both friction bounds are 1:
 #
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #

@@ -17,7 +17,7 @@ SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_
 
 
 def draw_program(seed, block=1, separate=False):
-    """Return a program with norm terms and limits, one of which is compliant; `separate` rows share no unknown."""
+    """Return a program with norm terms and limits, one of which is compliant; if `separate`, rows share no unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))
@@ -188,7 +188,7 @@ def test_computed_multipliers_balance_the_load_on_a_kernel():
     program = StepProgram(operators, np.array([1.5, 0.1]), np.ones(2), np.zeros(2))
     lam, _ = program.multipliers(np.array([0.4, 0.0]))
     assert lam.sum() == pytest.approx(1.6, abs=8 * EPS)
-    # K d = g - lam for d = (x, 0) with lam = (1, 0.6): x = 0.5.
+    # The solution is d = (0.5, 0) with lam = (1, 0.6).
     assert program.certify([0.5, 0.0]).gap <= 1e-14
     assert 0.01 / 2 <= program.certify([0.4, 0.0]).gap < np.inf
 

@@ -1,4 +1,4 @@
-"""Ground that moves under a body: friction depends on relative slip, and the energy balance has the work of ground."""
+"""Ground that moves under a body: friction depends on relative slip, and the ground does work."""
 
 from functools import cache
 
@@ -96,7 +96,7 @@ def test_a_body_on_a_belt_is_carried_along(way, solver):
     history = vx.simulate(scene, small("voronoi", 4), TIMES, solver=solver)
     assert history.contact.sticking.all()
     carried = np.stack([way * TIMES, 0 * TIMES], axis=1)[:, None]
-    # The accuracy refers to the largest energy norm that friction can cause, (bound * way)^(1/2).
+    # The accuracy is relative to the energy norm that friction work can cause, the root of bound * way.
     assert np.abs(history.displacement - carried).max() < solver.accuracy * way
     assert history.dissipated[-1] < solver.accuracy * way
     assert history.energy.max() < solver.accuracy**2 * way

@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Return the vectors value * direction of rows, summed at the nodes (instants, n, 2), and perhaps per length."""
+    """Return sums (instants, n, 2) at nodes of value * direction over rows, per length if `per_length`."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)

@@ -56,7 +56,7 @@ def check_bounds(found):
     friction = np.linalg.norm(found.residual + found.factor * found.elastic, axis=2)
     assert (friction <= found.bounds * (1 + 1e-12)).all()
     assert (found.elastic * found.slips).sum() == pytest.approx(1.0)
-    assert 0.0 <= found.gap + 1e-14 <= GAP * found.factor
+    assert 0.0 <= found.upper - found.factor + 1e-14 <= GAP * found.factor
     net = found.slips.sum(axis=0)
     assert net - net[0] == pytest.approx(0.0, abs=1e-12 * np.abs(found.slips).max())
     return net[0]

@@ -37,20 +37,7 @@ TOLERANCE = 0.1 * MARGIN
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class BoundedFactor(ArrayRecord):
-    """The largest factor of loads, between two bounds."""
-
-    factor: float
-    upper: float
-
-    @property
-    def gap(self) -> float:
-        """The difference of the bounds."""
-        return self.upper - self.factor
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class LimitLoad(BoundedFactor):
+class LimitLoad(ArrayRecord):
     """The largest factor of a load that contact forces can balance, between two bounds.
 
     Attributes
@@ -66,10 +53,12 @@ class LimitLoad(BoundedFactor):
 
     Examples
     --------
-    >>> vx.LimitLoad(1.0, 1.5, np.zeros((1, 2)), np.zeros((1, 2)), np.eye(1, 2), "the translation (1, 0)").gap
-    0.5
+    >>> vx.LimitLoad(1.0, 1.5, np.zeros((1, 2)), np.zeros((1, 2)), np.eye(1, 2), "the translation (1, 0)").upper
+    1.5
     """
 
+    factor: float
+    upper: float
     friction: Floats
     pressure: Floats
     motion: Floats

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from vemcvx.base.arrays import SAME, Floats
 from vemcvx.base.errors import SceneError, SolverFailed
-from vemcvx.limit_analysis.limit_load import TOLERANCE, Balance, BoundedFactor, sum_work
+from vemcvx.base.outline import ArrayRecord
+from vemcvx.limit_analysis.limit_load import TOLERANCE, Balance, sum_work
 from vemcvx.meshes import Mesh
 from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
@@ -26,7 +27,7 @@ from vemcvx.stepping import check_times, march
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Shakedown(BoundedFactor):
+class Shakedown(ArrayRecord):
     """The largest factor of a cycle for which slip stops, between two bounds; for m friction terms and T instants.
 
     Attributes
@@ -46,10 +47,12 @@ class Shakedown(BoundedFactor):
 
     Examples
     --------
-    >>> vx.Shakedown(1.0, 1.5, *np.zeros((5, 1))).gap
-    0.5
+    >>> vx.Shakedown(1.0, 1.5, *np.zeros((5, 1))).upper
+    1.5
     """
 
+    factor: float
+    upper: float
     points: Floats
     bounds: Floats
     elastic: Floats

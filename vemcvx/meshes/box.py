@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.base.arrays import (
-    ROUNDING,
+    SAME,
     Bools,
     Floats,
     brief,
@@ -49,17 +49,9 @@ class Box:
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int) -> list[Floats]:
-        """Return count + 1 coordinates for each axis; raise MeshError if rounding makes two coordinates equal."""
-        lines = []
-        for low, high, count in zip(self.low, self.high, counts, strict=True):
-            line = np.linspace(low, high, count + 1)
-            if not np.all(np.diff(line) > 0.0):
-                raise MeshError(
-                    f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
-                    "numbers there; use fewer cells or a box nearer to the origin."
-                )
-            lines.append(line)
-        return lines
+        """Return count + 1 coordinates for each axis."""
+        ends = zip(self.low, self.high, counts, strict=True)
+        return [np.linspace(low, high, count + 1) for low, high, count in ends]
 
 
 def check_box(box: Any, dimension: int = 2) -> Box:
@@ -72,9 +64,9 @@ def check_box(box: Any, dimension: int = 2) -> Box:
         if not low < high:
             raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
         farthest = max(-low, high)
-        if high - low < max(SHORTEST, ROUNDING * farthest) or farthest > LARGEST:
+        if high - low < max(SHORTEST, SAME * farthest) or farthest > LARGEST:
             raise MeshError(
-                f"box must have sides above {SHORTEST:g} and above {ROUNDING:g} times its largest coordinate, and "
+                f"box must have sides above {SHORTEST:g} and above {SAME:g} times its largest coordinate, and "
                 f"coordinates below {LARGEST:g}; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units or a "
                 "box nearer to the origin."
             )

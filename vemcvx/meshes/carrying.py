@@ -22,8 +22,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
     """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
 
-    `parents` are the old cells of the new cells. For each new boundary edge or face, `parts` is the position of its
-    parent in the old boundary. For each new node, `places` is the first node with the same coordinates.
+    `parents` are the old cells of new cells; `parts` are the old positions of new edges or faces in the boundary.
     """
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 

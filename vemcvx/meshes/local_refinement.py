@@ -186,9 +186,8 @@ def _children(
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets, vertices and parents of the new cells, sorted by parent.
 
-    A part has the vertices of the outline from one midpoint to the next, and the centre if there is one. `begin` marks
-    the vertices at which parts begin, and the first vertex of each cell. `split` marks cells with several parts;
-    `medial` marks triangles with a part between the three midpoints. `centre` is the central node of a cell, or -1.
+    `begin` marks vertices at which parts begin; `split` marks cells with several parts; `medial` marks triangles with a
+    part between the three midpoints. `centre` is the central node of a cell, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)

@@ -45,8 +45,7 @@ def overlay_tilings(
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
     """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    In the mesh `apart`, bodies have no common node. For each node, `body` is its body, and `place` is the first node at
-    its place. Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
+    Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 class PolygonMesh(Mesh):
     """A polygonal mesh of a plane domain. All arrays are read-only; nodes and cells keep the given order.
 
+    A `MeshWarning` reports clockwise cells, which are reversed, and unused nodes, which are dropped.
+
     Parameters
     ----------
     points : (n_nodes, 2) array_like of float
@@ -59,11 +61,6 @@ class PolygonMesh(Mesh):
     ------
     MeshError
         The points and cells do not form a valid mesh; the message names the cell or node and a remedy.
-
-    Warns
-    -----
-    MeshWarning
-        Clockwise cells were reversed, or unused nodes dropped.
 
     Examples
     --------
@@ -201,8 +198,7 @@ class PolygonMesh(Mesh):
         return ax
 
 
-NAMES_IN_SPACE = {"bottom": "front", "top": "back"}
-"""Name of a side in the plane -> name of the faces above it in space."""
+NAMES_IN_SPACE = {"bottom": "front", "top": "back"}  # name of a side in the plane -> of the faces above it in space
 
 
 def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
@@ -214,7 +210,13 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     levels = given.astype(float)
     if not np.isfinite(levels).all() or np.abs(levels).max() > LARGEST or np.diff(levels).min() < SHORTEST:
         raise MeshError(f"{wanted}, at most {LARGEST:g} in size and at least {SHORTEST:g} apart; got {levels}.")
-    named = _names_in_space(mesh)
+    named = {name: edges for name, edges in mesh.boundaries.items() if name not in (*mesh.interfaces, WHOLE)}
+    for old, new in NAMES_IN_SPACE.items():
+        if old in named and new in named:
+            raise MeshError(
+                f'the boundary {old!r} would be {new!r} in space, where "bottom" and "top" are the sides in z, but '
+                f"this mesh has a boundary {new!r} as well. Rename one of them."
+            )
     layers, nodes, cells = len(levels) - 1, mesh.n_nodes, mesh.n_cells
     offsets, vertices, owner = _layer(mesh)
     sizes = np.diff(offsets)
@@ -241,17 +243,6 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
         solid = solid.with_cell_data(name, np.concatenate([values] * layers))
     joints = {name: Interface(of.bodies, above(of.edges), above(of.partners)) for name, of in mesh.interfaces.items()}
     return solid._replace(interfaces=MappingProxyType(on_boundary(joints, solid._outlines)))
-
-
-def _names_in_space(mesh: PolygonMesh) -> dict[str, Ints]:
-    named = {name: edges for name, edges in mesh.boundaries.items() if name not in (*mesh.interfaces, WHOLE)}
-    for old, new in NAMES_IN_SPACE.items():
-        if old in named and new in named:
-            raise MeshError(
-                f'the boundary {old!r} would be {new!r} in space, where "bottom" and "top" are the sides in z, but '
-                f"this mesh has a boundary {new!r} as well. Rename one of them."
-            )
-    return named
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:

@@ -55,11 +55,6 @@ class PolyhedralMesh(Mesh):
         The points and cells do not form a valid mesh, or a vertex is farther from the plane of its face than 1e-6 times
         the diameter of the face.
 
-    Warns
-    -----
-    MeshWarning
-        Faces were reversed, or unused nodes dropped.
-
     Examples
     --------
     >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]

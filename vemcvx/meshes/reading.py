@@ -46,11 +46,6 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     MeshError
         The file is missing, damaged, of an unknown format, or would be read wrongly; or its mesh is not valid.
 
-    Warns
-    -----
-    MeshWarning
-        Cells were reversed, sides were named, or something in the file was dropped or not read.
-
     Examples
     --------
     >>> vx.meshes.squares(4).write("plate.vtu")

@@ -84,8 +84,7 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     given = plain(points)
     if given is None or given.dtype.kind not in "biuf" or given.ndim != 2 or given.shape[1] != dimension:
         found = brief(points) if given is None or given.dtype.kind not in "biuf" else f"the shape {given.shape}"
-        other = "PolyhedralMesh is for points in space" if dimension == 2 else "PolygonMesh is for points in the plane"
-        raise MeshError(f"points must be real numbers of shape (n_nodes, {dimension}); got {found}. {other}.")
+        raise MeshError(f"points must be real numbers of shape (n_nodes, {dimension}); got {found}.")
     array = np.array(given, dtype=float)
     bad = np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))
     if len(bad):

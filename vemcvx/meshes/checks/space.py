@@ -206,10 +206,9 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> Ints:
-    """Return pairs (2, k) of faces that are at most `width` apart and overlap; the smaller number comes first.
+    """Return pairs (2, k) of faces, of two bodies if `body` is given, that are at most `width` apart and overlap.
 
-    The common area is more than `part` times the area of the smaller face. `body` (f,) is the body of each face; if it
-    is given, the faces of a pair belong to different bodies.
+    The common area is more than `part` times the area of the smaller face.
     """
     import shapely
 
@@ -234,8 +233,8 @@ def find_touching_faces(
     return np.stack([one[over], other[over]])
 
 
-# frame whose third axis is the direction of rays; no mesh is likely to be aligned with it
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
+"""A frame whose third axis is the direction of rays; no mesh is likely to be aligned with it."""
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:

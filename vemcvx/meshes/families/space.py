@@ -106,7 +106,6 @@ def prisms(
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
-        The number of cells is the same as in `cubes`.
 
     Returns
     -------

@@ -105,7 +105,6 @@ def voronoi3(
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
-        The number of cells is the same as in `cubes`.
 
     Returns
     -------
@@ -172,7 +171,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # Few seeds with few images might lie on one line, without a triangulation: mirror up to 50 seeds in all sides.
+        # few seeds might lie on one line, without a triangulation
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -236,10 +235,7 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Return the circumcentres of triangles (m, 3, 2).
-
-    With sides b, c from the first corner p, and J (x, y) = (y, -x): p + (|b|^2 J c - |c|^2 J b) / (2 b x c).
-    """
+    """Return the circumcentres p + (|b|^2 J c - |c|^2 J b) / (2 b x c) of triangles, with J (x, y) = (y, -x)."""
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
     shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])

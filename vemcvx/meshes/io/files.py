@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -74,7 +72,4 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
                 "meshes are written as .vtu files; mesh.to('meshio').write(path) writes other formats, some of them "
                 "without names and data."
             )
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            draft = Path(folder) / path.name
-            write_vtu(draft, grid_of(mesh, polyhedra=True))
-            os.replace(draft, path)
+        write_vtu(path, grid_of(mesh, polyhedra=True))

@@ -56,13 +56,19 @@ def quantities(history: History) -> dict[str, Quantity]:
     >>> sorted(vx.quantities(history))
     ['dissipated', 'wear', 'work']
     """
-    scene_of(history, "quantities")
-    own, steps = _final_values(history), _errors_of_steps(history)
+    scene = scene_of(history, "quantities")
+    own, times = _final_values(history), history.trajectory.times
+    with suppress_scene_warnings():
+        posed = pose_scene(scene, history.mesh, between=times.tolist())
+        known = sample_course(posed.system, times)
+    steps = _extrapolate_errors(
+        history, _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
+    )
     mesh = dict.fromkeys(own, np.nan)
     # In space, cells that are not star-shaped about their centroids cannot be refined.
     with contextlib.suppress(MeshError):
         begin = "settled" if _start(history).any() else None
-        finer = _run_again(history, history.mesh.refine(), history.trajectory.times, begin)
+        finer = _run_again(history, history.mesh.refine(), times, begin)
         mesh = _extrapolate_errors(history, finer)
     units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{history.spread[0]}"}
     return {
@@ -75,17 +81,6 @@ def quantities(history: History) -> dict[str, Quantity]:
         )
         for name, unit in units.items()
     }
-
-
-def _errors_of_steps(history: History) -> dict[str, float]:
-    """Compare a run with a run in half steps."""
-    times = history.trajectory.times
-    with suppress_scene_warnings():
-        posed = pose_scene(scene_of(history, "quantities"), history.mesh, between=times.tolist())
-        known = sample_course(posed.system, times)
-    return _extrapolate_errors(
-        history, _run_again(history, history.mesh, finer_instants(times, known, 2), _start(history))
-    )
 
 
 def _final_values(history: History) -> dict[str, float]:

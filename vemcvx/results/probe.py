@@ -73,14 +73,14 @@ class Places:
         """Return values (S, p, ...) at the points from nodal values (S, n_nodes, ...)."""
         return np.stack([self.nodes @ row for row in values])
 
-    def at_cells(self, values: Floats) -> Floats:
-        """Return values (p, ...) at the points from values on cells (n_cells, ...)."""
-        return self.cells @ values
-
 
 def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
     """Return the places of points (p, dim); raise SceneError, about `subject`, if a point is outside the body."""
-    x = _points(points, mesh.points.shape[1], subject)
+    dim = mesh.points.shape[1]
+    wanted = f"points (p, {dim}), one per row, such as {[[0.5] * dim]}"
+    x = finite(as_real_array(points, subject, wanted), subject)
+    if x.ndim != 2 or x.shape[1] != dim:
+        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
     if isinstance(mesh, PolyhedralMesh):
         nodes, cells = solid_places(Space(mesh), mesh, x)
     else:
@@ -112,14 +112,6 @@ def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matri
     return sp.csr_matrix(edges + Space(mesh).project_values(x, inner, cell)), cells
 
 
-def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
-    wanted = f"points (p, {dim}), one per row, such as {[[0.5] * dim]}"
-    x = as_real_array(points, subject, wanted)
-    if x.ndim != 2 or x.shape[1] != dim:
-        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
-    return finite(x, subject)
-
-
 FIELDS = "displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"
 
 
@@ -129,4 +121,4 @@ def probe(history: Results, points: ArrayLike, field: str) -> Floats:
     at = places(history.mesh, points, "probe")
     if field == "displacement":
         return at.at_nodes(history.displacement)
-    return np.stack([at.at_cells(getattr(history, field)(int(step))) for step in history.stored])
+    return np.stack([at.cells @ getattr(history, field)(int(step)) for step in history.stored])

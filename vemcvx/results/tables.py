@@ -50,7 +50,8 @@ def _steps(history: Results) -> Columns:
 def _contact(history: Results) -> Columns:
     """Return every array of contact; arrays constant in time are repeated at every step, with names in the singular."""
     contact, steps = history.contact, len(history.stored)
-    columns = _when(history, len(contact.nodes)) | _along(history)
+    rows = [np.repeat(each, len(contact.nodes)) for each in (history.stored, history.times)]
+    columns: Columns = {"step": rows[0], "time": rows[1], **_along(history)}
     for name, of in array_fields(type(contact)).items():
         values = getattr(contact, name)
         if of.sizes[0] == "S":
@@ -70,10 +71,6 @@ def _along(history: Results) -> Columns:
     found[:, nodes[path.rows]] = path.pieces, path.s
     pieces, s = np.tile(found[:, nodes], len(history.stored))
     return {"piece": pieces.astype(int), "s": s}
-
-
-def _when(history: Results, count: int) -> Columns:
-    return {"step": np.repeat(history.stored, count), "time": np.repeat(history.times, count)}
 
 
 def _by_axis(name: str, values: Floats | Ints) -> Columns:

@@ -99,14 +99,13 @@ class Benchmark:
         tolerances = parse_list("--tolerances", self.tolerances, fraction, FRACTIONS)
         names = parse_list("--solvers", self.solvers, str, "names such as clarabel,scs")
         out = self.out or self.folder / "benchmark"
-        entrants = {entrant.label: entrant for entrant in map(Entrant, names)}
-        entries = dict[str, dict[str, list[Trial]]]()
+        labels, entries = {name_solver(typed): typed for typed in names}, dict[str, dict[str, list[Trial]]]()
         with Owned(out) as files, progress_bar("benchmark") as show:
             for name in (TABLE, WORDS, PROFILES):
                 files.take(name)
-            for label, entrant in entrants.items():
+            for label, typed in labels.items():
                 own = entries[label] = {}
-                for trial in run_trials(entrant, self.folder, instances, entrant.ladder(tolerances), self.time_limit):
+                for trial in run_trials(typed, self.folder, instances, tolerances, self.time_limit):
                     own.setdefault(trial.instance, []).append(trial)
                     show(label, len(own), len(instances))
             heads = ("solver", *(field.name for field in fields(Trial)))
@@ -178,13 +177,13 @@ Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
 
 
 def run_trials(
-    entrant: Entrant, folder: Path, instances: Sequence[Row], ladder: Ladder, limit: float
+    typed: str, folder: Path, instances: Sequence[Row], tolerances: Sequence[float], limit: float
 ) -> Iterator[Trial]:
     """Yield the trials of a solver; a new process begins after BATCH instances, and after a late or crashed trial."""
     spawn, names = get_context("spawn"), [one["name"] for one in instances]
     while names:
         here, there = spawn.Pipe(duplex=False)
-        given = there, entrant, folder, names[:BATCH], ladder, limit
+        given = there, typed, folder, names[:BATCH], tolerances, limit
         process = spawn.Process(target=try_all, args=given, daemon=True)
         process.start()
         there.close()
@@ -202,25 +201,27 @@ def run_trials(
             process.join()
         words = f"its process ended with exit code {process.exitcode}"
         if trial is None:
-            raise ProblemError(f"benchmark: {entrant.label}: {words} before anything was tried.")
+            raise ProblemError(f"benchmark: {typed}: {words} before anything was tried.")
         if trial.outcome == BEGUN:
             yield replace(trial, outcome=outcome, message=words if outcome == FAILED else "")
         names = names[names.index(trial.instance) + 1 :]
 
 
 def try_all(
-    pipe: Connection, entrant: Entrant, folder: Path, names: Sequence[str], ladder: Ladder, limit: float
+    pipe: Connection, typed: str, folder: Path, names: Sequence[str], tolerances: Sequence[float], limit: float
 ) -> None:
     """Try a solver on instances in this process; send each trial, and the seconds until the next message is due."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
     use_one_thread()
+    solver = make_solver(typed, None, "--solvers")
+    ladder = choose_ladder(solver, tolerances)
     for name in names:
         programs = sequence_from_npz(folder / f"{name}.npz")
         status = json.loads((folder / f"{name}.json").read_text(encoding="utf-8")).get("status", "")
         trial = Trial(name, ladder[0])
         try:
             pipe.send((trial, None))
-            calls = entrant.make_calls(programs)
+            calls = make_calls(solver, programs)
             for tolerance in ladder:
                 trial = replace(trial, tolerance=tolerance)
                 pipe.send((trial, limit))
@@ -239,49 +240,39 @@ Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
 """A function of a tolerance and the memory; returns seconds, the answer or None, and the status of the solver."""
 
 
-@dataclass(frozen=True)
-class Entrant:
-    """A solver of the benchmark; `typed` is its name as the user typed it."""
+def name_solver(typed: str) -> str:
+    """Return the name of a solver, with the version of its package or the name of the user's file."""
+    solver, name = make_solver(typed, None, "--solvers"), typed.lower()
+    if ":" in typed:
+        return f"{solver.name} {Path(typed.rpartition(':')[0]).name}"
+    if isinstance(solver, ThroughCvxpy):
+        return f"{name} {version_of(PACKAGES.get(solver.solver, name)) or 'unknown'}"
+    return f"{name} {__version__}"
 
-    typed: str
 
-    @property
-    def solver(self) -> Solver:
-        """The solver, which belongs to vemcvx, to cvxpy, or to a user's file."""
-        return make_solver(self.typed, None, "--solvers")
+def choose_ladder(solver: Solver, tolerances: Sequence[float]) -> Ladder:
+    """Return the tolerances for a solver, from loose to tight."""
+    name = getattr(solver, "solver", None)
+    if name is not None and name not in LIBRARIES:
+        return (None,)
+    least = LIBRARIES[name][2] if name else 0.0
+    return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
 
-    @property
-    def label(self) -> str:
-        """The name, with the version of the library or of vemcvx, or with the name of the user's file."""
-        solver, name = self.solver, self.typed.lower()
-        if ":" in self.typed:
-            return f"{solver.name} {Path(self.typed.rpartition(':')[0]).name}"
-        if isinstance(solver, ThroughCvxpy):
-            return f"{name} {version_of(PACKAGES.get(solver.solver, name)) or 'unknown'}"
-        return f"{name} {__version__}"
 
-    def ladder(self, tolerances: Sequence[float]) -> Ladder:
-        """Return the tolerances for this solver, from loose to tight."""
-        name = getattr(self.solver, "solver", None)
-        if name is not None and name not in LIBRARIES:
-            return (None,)
-        least = LIBRARIES[name][2] if name else 0.0
-        return tuple(sorted({max(one, least) for one in tolerances}, reverse=True))
-
-    def make_calls(self, programs: Sequence[StepProgram]) -> list[Call]:
-        """Return functions that solve these programs; raise NotAccepted if the solver does not accept them."""
-        solver, operators = self.solver, programs[0].operators
-        if missing := operators.features - solver.accepts:
-            raise NotAccepted(f"solver {solver.name}: accepts no {' and no '.join(sorted(missing))}.")
-        if operators.kernel is not None and not solver.semidefinite:
-            raise NotAccepted(f"solver {solver.name}: accepts no semidefinite K.")
-        if isinstance(solver, ThroughCvxpy):
-            scaling = ScaledSolver(solver, operators)
-            alpha = max(scaling.length(program) for program in programs)
-            return [_call_cvxpy(solver, scaling, alpha, program) for program in programs]
-        with name_failures(solver.name):
-            prepared = solver.prepare(operators) if solver.any_units else ScaledSolver(solver, operators)
-        return [_call_own(prepared, program, _unit(programs)) for program in programs]
+def make_calls(solver: Solver, programs: Sequence[StepProgram]) -> list[Call]:
+    """Return functions that solve these programs; raise NotAccepted if the solver does not accept them."""
+    operators = programs[0].operators
+    if missing := operators.features - solver.accepts:
+        raise NotAccepted(f"solver {solver.name}: accepts no {' and no '.join(sorted(missing))}.")
+    if operators.kernel is not None and not solver.semidefinite:
+        raise NotAccepted(f"solver {solver.name}: accepts no semidefinite K.")
+    if isinstance(solver, ThroughCvxpy):
+        scaling = ScaledSolver(solver, operators)
+        alpha = max(scaling.length(program) for program in programs)
+        return [_call_cvxpy(solver, scaling, alpha, program) for program in programs]
+    with name_failures(solver.name):
+        prepared = solver.prepare(operators) if solver.any_units else ScaledSolver(solver, operators)
+    return [_call_own(prepared, program, _unit(programs)) for program in programs]
 
 
 def _call_cvxpy(solver: ThroughCvxpy, scaling: ScaledSolver, alpha: float, program: StepProgram) -> Call:

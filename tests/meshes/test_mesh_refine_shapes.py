@@ -91,3 +91,8 @@ def test_a_cell_that_is_not_star_shaped_is_refused():
     outline = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)])
     with pytest.raises(MeshError, match=r"cell 0 near .* is not star-shaped"):
         make_cell(outline).refine()
+
+
+def test_a_cell_with_short_sides_only_is_refused():
+    with pytest.raises(MeshError, match="cell 0 has no two sides that are long enough"):
+        make_cell(make_regular_polygon(500)).refine()

@@ -1,8 +1,7 @@
 """Cracks between two sets of cells, and cuts of a mesh in two, along edges (in space: faces).
 
-A corner is a pair of a cell and one of its nodes. The corners at a node are grouped: corners of two neighbouring cells
-are in one group unless the edge or face between these cells is cut. Each group gets its own node. At a crack tip (in
-space: crack front) inside the body there is one group, so the node stays single.
+The corners of cells at a node are grouped: corners of two neighbouring cells are in one group unless the edge or face
+between these cells is cut. Each group gets its own node. At a crack tip there is one group, so the node stays single.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-Cells have sides (edges in the plane, faces in space). A side belongs to two cells, or to one cell if the side is on the
-boundary. Neighbouring cells share whole sides: a cell may have angles of 180 degrees (at hanging nodes) and several
-coplanar faces. Modules that refine, cut and write meshes import this module, so methods import them when called.
+Neighbouring cells share whole sides (edges in the plane, faces in space): a cell may have angles of 180 degrees (at
+hanging nodes) and several coplanar faces.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
 
-A part is read once for each of its instances, translated and rotated like the instance. A part without an instance is
-read once. Sets of the same name in several parts or instances are joined. A joined set of elements is also kept for
-each instance, under the name "Instance.Set".
+Sets of the same name in several parts or instances are joined. A joined set of elements is also kept for each instance,
+under the name "Instance.Set".
 """
 
 from __future__ import annotations

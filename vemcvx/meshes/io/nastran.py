@@ -1,7 +1,6 @@
 """Nastran files: we convert the text to one card per line, with commas between fields, and meshio reads the result.
 
-We raise errors for unknown elements, and for points in coordinate systems other than the basic one. Materials, loads
-and supports are skipped. The elements of each property form a set, named by the number of the property.
+The elements of each property form a set, named by the number of the property.
 """
 
 from __future__ import annotations

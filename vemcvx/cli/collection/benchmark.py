@@ -2,14 +2,9 @@
 
 A trial is a run of a solver with one of many tolerances. The true error of its answer d is |d - d*|_K / |d*|_K; d* is
 the certified optimum of the file, and |.|_K the energy norm. The time of a solver to an error E is the time of its
-*cheapest* trial with a true error of at most E. The benchmark reports
-
-- the number of instances that a solver solves to E; only instances count whose optimum is certified to E/10;
-- the shifted geometric mean exp(mean log(t + s)) - s of the times t in seconds, with s = .01;
-- the performance profile (Dolan and Moré 2002).
-
-A solver that cvxpy calls receives the scaled program, with the default settings of its library. The target of any
-other solver is the duality gap 1/2 (tolerance |d*|_K)^2. Seconds are processor time, the shortest of up to five calls.
+*cheapest* trial with a true error of at most E. Mean times are shifted geometric means exp(mean log(t + s)) - s with
+s = .01 seconds. The picture has performance profiles (Dolan and Moré 2002). Seconds are processor time, the shortest of
+up to five calls.
 """
 
 from __future__ import annotations

@@ -316,7 +316,7 @@ class Boundary:
     def motions(self) -> Floats:
         """The rigid motions (n_u, j) of bodies that only friction and one-sided contact hold."""
         kernel, P = self.posed.system.kernel, self.posed.supports.P
-        return np.zeros((P.shape[0], 0)) if kernel is None else np.asarray(P @ kernel.basis)
+        return np.zeros((P.shape[0], 0)) if kernel is None else np.asarray(P @ np.linalg.qr(kernel.modes)[0])
 
     def _balance(
         self, friction: tuple[Floats, Floats], pressing: tuple[Floats, tuple[Bools, Bools]], loads: Floats, body: Floats

@@ -1,9 +1,8 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-PyAMG aggregates unknowns, and makes smoothed prolongations P from the near-kernel (rigid motions). A multigrid cycle
-consists of a forward sweep of Gauss-Seidel, a coarse correction with the matrix P'KP, and a backward sweep. The cycle
-multiplies by a symmetric positive definite matrix M, which is close to K^{-1}. No eigenvalue of MK exceeds 1. If
-Poisson's ratio exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
+A multigrid cycle consists of a forward sweep of Gauss-Seidel, a coarse correction, and a backward sweep. It multiplies
+by a symmetric positive definite matrix M, which is close to K^{-1}. No eigenvalue of MK exceeds 1. If Poisson's ratio
+exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
 
 Solves are inexact, so certificates use the following bound. For any approximation x of K^{-1}b, with rho = b - K x
 and l <= lambda_min(MK),

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -79,11 +78,6 @@ class Kernel:
         if self.moved is not None:
             moved = as_real_array(self.moved, "Kernel: moved", "displacements, one column per motion")
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
-
-    @cached_property
-    def basis(self) -> Floats:
-        """Orthonormal motions (n, k) that span `modes`."""
-        return np.linalg.qr(self.modes)[0]
 
     def reach(self, c: Floats) -> float:
         """Return the largest displacement of a node in the motion modes @ c."""

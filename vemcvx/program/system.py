@@ -213,18 +213,9 @@ class Limits(Rows):
         return int(self.D.shape[0])
 
     @property
-    def dashpots(self) -> Floats:
-        """The velocity per force (r,) of compliant limits on velocities; zero for other limits."""
-        return np.where(self.rates, self.compliance, 0.0)
-
-    @property
     def rigid(self) -> Bools:
         """A mask (r,) of the limits that are bounds on positions."""
         return (self.compliance == 0.0) & ~self.rates
-
-    def of_step(self, k: float) -> Limits:
-        """Return the limits of a step of length k, with compliances in displacement per force."""
-        return replace(self, compliance=np.where(self.rates, k, 1.0) * self.compliance)
 
     def remaining_gap(self, t: float) -> Floats:
         """Return e (r,) at the instant `t`."""
@@ -422,7 +413,8 @@ class System(ArrayRecord):
     @property
     def dashpots(self) -> Floats:
         """The velocity per force (r,) of compliant limits on velocities; zero for other limits."""
-        return np.zeros(0) if self.limits is None else self.limits.dashpots
+        limits = self.limits
+        return np.zeros(0) if limits is None else np.where(limits.rates, limits.compliance, 0.0)
 
     @property
     def is_viscous(self) -> bool:

@@ -415,9 +415,8 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         if jump > WARNING_RATIO * energy_norm(K, y - initial.near) + WARNING_FRACTION * norm:
             log.warning(
                 f"initial: u_0 violates condition (2.1), or the mesh is too coarse for it: one step at t = {now.t:.6g} "
-                f"moves P^h u_0 by {jump:.3g} in the energy norm, to a state of norm {norm:.3g}. The run begins "
-                f"{'where the body settles' if initial.settle else 'at P^h u_0'}. Check that loads and friction at the "
-                "first instant balance the stresses of u_0; if they do, refine the mesh."
+                f"moves P^h u_0 by {jump:.3g} in the energy norm, to a state of norm {norm:.3g}. Check that loads and "
+                "friction at the first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
             # If nothing holds the stresses of P^h u_0, they relax to rounding: keep the norm of P^h u_0 as a reference.

@@ -141,7 +141,9 @@ class PreparedRun:
             return self.elastic
         if key not in self.viscous:
             K = system.K if system.damping is None else sp.csr_matrix(system.K + system.damping.C / k)
-            limits = None if system.limits is None else system.limits.of_step(k)
+            limits = system.limits
+            if limits is not None:  # Compliances of limits on velocities become displacement per force.
+                limits = replace(limits, compliance=np.where(limits.rates, k, 1.0) * limits.compliance)
             alone = replace(system, K=K, damping=None, motion=None, limits=limits)
             self.viscous.clear()  # Factors are large: keep one step length.
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
@@ -223,7 +225,7 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
     def residual(y: Floats) -> Floats:
         r: Floats = push - system.K @ y
-        return r if (kernel := system.kernel) is None else r - kernel.basis @ (kernel.basis.T @ r)
+        return r if (N := condensation.full.kernel) is None else r - N @ (N.T @ r)
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in states]))
     y = condensation.complete(xi, kept)

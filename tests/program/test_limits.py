@@ -88,7 +88,7 @@ def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
 
 @pytest.mark.parametrize("initial", [None, "equilibrium"])
 def test_a_body_inside_its_obstacle_is_refused_unless_it_is_settled(initial):
-    with pytest.raises(vx.SceneError, match=r"^initial: at t = 0 the body is 0\.05 inside .*'settled'"):
+    with pytest.raises(vx.SceneError, match=r"^initial: the state at t = 0 is not in equilibrium .*'settled'"):
         lower_block(lambda t: 0.0, lambda x, t: -0.01 - 0.02 * x[:, 0], initial=initial)
 
 

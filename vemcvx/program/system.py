@@ -350,6 +350,8 @@ class System(ArrayRecord):
         for name, matrix in columns.items():
             if matrix.shape[1] != self.n:
                 raise SceneError(f"System: found {name} over {matrix.shape[1]} unknowns, but K has {self.n}.")
+        if self.order is not None and not callable(self.order):
+            object.__setattr__(self, "order", self.elimination_order())
         if self.near_kernel is not None:
             wanted = f"({self.n}, k) motions of little energy, one per column"
             found = as_real_array(self.near_kernel, "System: near_kernel", wanted)

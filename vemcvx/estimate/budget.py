@@ -138,7 +138,8 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     scene = scene_of(history, "error_budget")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    chosen = wanted.tolist() if steps is None else list(steps) if isinstance(steps, (Sequence, np.ndarray)) else [steps]
+    given = steps if isinstance(steps, (list, tuple, np.ndarray)) else [steps]
+    chosen = wanted.tolist() if steps is None else list(given)
     if not chosen:
         raise HistoryError("error_budget: found no steps; give numbers of stored steps, such as [-1].")
     rows = [history.row(n) for n in chosen]

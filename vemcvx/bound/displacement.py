@@ -1,13 +1,14 @@
-"""The conforming displacement inside polygons: explicit functions, on the fan of each cell, in place of virtual ones.
+"""Explicit displacements inside polygons, in place of virtual functions.
 
-The displacement is linear on the edges of the mesh, like the virtual function. In a cell it minimises energy minus
-work of the body force over continuous functions of degree 2 on the split fan (:mod:`.fan`). Degree 2 does not lock
-(Scott and Vogelius on the split of Alfeld); degree 1 does.
+Such a displacement is linear on the edges of the mesh, like a virtual function. In a cell it is continuous, and of
+degree 2 on each part of the split fan (:mod:`.fan`). Degree 2 does not lock (Scott and Vogelius on Alfeld's split).
+Among these functions the displacement has the least value of energy minus work of the body force.
 
-A triangle has ten nodes in this order: three corners, the middles of the three edges (edge k goes from corner k to
-corner k + 1), the centroid, and the middles between corners and centroid. The last four are inside, and are condensed.
-Then the centre of the fan and the middles of spokes (edges to the centre) are condensed. The outline remains: vertices
-and middles of the polygon's edges. With a cell's form M (:mod:`.fan`), x'M x / 2 is the minimum of energy minus work.
+A triangle has ten nodes: its corners 0 to 2, the middles 3 to 5 of its edges, its centroid 6, and the middles 7 to 9
+between corners and centroid. Edge k goes from corner k to corner k + 1. Nodes 6 to 9 are condensed first, then the
+centre of the fan and the middles of spokes (edges to the centre). The outline remains: the vertices of the polygon and
+the middles of its edges. Let x be the values on the outline and the coefficients of the body force. With the form M of
+the cell (:mod:`.fan`), the least value is x'M x / 2.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in ra
 
 
 def _extend(values: Floats, part: int) -> Floats:
-    """Return values (..., 10) of the triangle's functions, given values (..., 6) of a part's Lagrange functions."""
+    """Return values (..., 10) of all functions of the triangle on a part, where only six functions are nonzero."""
     found = np.zeros((*values.shape[:-1], 10))
     found[..., NODES[part]] = values
     return found
@@ -46,9 +47,9 @@ def _extend(values: Floats, part: int) -> Floats:
 VALUES = np.concatenate([_extend(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """The ten Lagrange functions phi_i of the triangle at the points of `RULE`, (21, 10)."""
 SLOPES = np.concatenate([_extend(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
-"""The gradients (18, 2, 10) of the functions at the stations."""
+"""The gradients (18, 2, 10) of phi_i at the 18 stations."""
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
-"""The integrals (2, 2, 10, 10) of products of slopes."""
+"""The integrals (2, 2, 10, 10) of products of two gradients."""
 _POINTS = RULE.reshape(-1, 2)
 _BARYCENTRIC = np.column_stack([1.0 - _POINTS.sum(axis=1), _POINTS])
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRIC, VALUES)
@@ -56,9 +57,9 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRI
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the symmetric matrices M (c, n, 26, 26) of triangles: energy minus work of forces is x' M x / 2.
+    """Return matrices M (c, n, 26, 26) of triangles, where x'M x / 2 is energy minus work of the body force.
 
-    The unknowns x are the values at inner nodes (8) and at outer nodes (12), and the forces (6).
+    The vector x has 8 components of displacement at inner nodes, 12 at outer nodes, and the 6 of F_k in :mod:`.fan`.
     """
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
@@ -74,20 +75,21 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return positions (n, 12) of outer unknowns of triangles in a cell's vector: centre and spokes, then outline."""
+    """Return the positions (n, 12) of each triangle's outer unknowns among the unknowns of the cell."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
+    # A cell has the centre, the middles of spokes, the vertices, and the middles of edges.
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
 
 
 def displacement_form(fans: Fans) -> Floats:
-    """Return the forms (k, 4 n + 6, 4 n + 6) of the k shapes, for vectors of outline values and body force."""
+    """Return the form M of each shape of cells, (k, 4 n + 6, 4 n + 6)."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Return the mean strains (c, 3) of outlines (c, 4 n), and the outlines minus linear displacements, (c, 4 n)."""
+    """Split displacements (c, 4 n) of outlines into linear parts, given by strains (c, 3), and the rest (c, 4 n)."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
@@ -99,7 +101,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return the matrix L (4 n, 4 n) from outlines to the edge motions on which linear tractions do the same work."""
+    """Return L (4 n, 4 n): linear tractions do the same work on the edge motions L v as on the displacement v."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

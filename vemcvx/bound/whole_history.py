@@ -1,29 +1,25 @@
 """Bounds on the error of whole histories, for mesh and steps together, if friction has a given bound.
 
-Let v and tau be admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v -
-u). Let g be the friction bound, and q = -tau_t the friction of tau. Green's formula and Tresca's law for u give
+In the notation of :mod:`vemcvx.bound`, let v and tau be admissible at all instants, and let X = tau - sigma. Then
+X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. Let <., .> be the
+inner product of the norm |.|. Green's formula and Tresca's law for u give
 
-    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s').
 
-with the slip rate s' of v; |.| and <., .> are norm and product in C^-1. In step n all fields are linear in time, and D
-increases by D_n. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m) gives
+In step n all fields are linear in time, and D increases by D_n. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies
+y <= a + int m) gives
 
-    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|.
+    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,      |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2,
 
-C eps(u - v_n) = r_n - X then gives |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2. v may be replaced by v + w of
-:mod:`.hypercircle`, which equals v on contact; then r is smaller. Only the last term |r_n|^2 is still computed from
-v_n, because X is orthogonal to C eps(w).
+because C eps(u - v_n) = r_n - X. The displacement v + w of :mod:`.hypercircle` equals v on contact. It has a smaller r,
+and may replace v except in the last term |r_n|^2, because X is orthogonal to C eps(w).
 
-**The start.** If u(0) = v_0, then y_0 = |r_0|, computed from v_0 without w. A run with initial="equilibrium" or
-"settled" begins with a step from zero, and so does the exact history. By theorem 1 of :mod:`vemcvx.bound`, |X|^2 +
-|u - v_0|^2 <= |r_0|^2 + 2 b_0 = y_0^2, where b_0 is the defect in the laws of friction and contact in this step. A run
-from vx.projected(u_0) is refused: its exact history begins at u_0, and the stress of u_0 is not available.
+**The start.** If u(0) = v_0, then y_0 = |r_0|. If the run begins with a step from zero (initial="equilibrium" or
+"settled"), so does the exact history. Then y_0^2 = |r_0|^2 + 2 b_0 by theorem 1, with the b of this step. r_0 is the r
+of v_0, without w.
 
-y never decreases. It grows by the same amount in each load cycle, although the error does not grow.
-
-**Data in time.** If data are not linear between the instants of the run, the run is repeated on the same cells in finer
-steps. An estimate is added to the bound of an instant: SAFETY times the largest energy norm of the difference between
-the two runs at this instant and before.
+**Data in time.** If data are not linear between the instants of a run, the run is repeated on the same cells in finer
+steps. An estimate is added to the bound: SAFETY times the largest difference of the two runs so far, in energy norm.
 """
 
 from __future__ import annotations
@@ -47,7 +43,7 @@ from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_cour
 log = logging.getLogger("vemcvx")
 SAMPLES = 512
 """Smallest number of instants of a whole run at which data are sampled."""
-SAMPLES_PER_STEP = 8  # Smallest number of such instants in each step.
+SAMPLES_PER_STEP = 8  # Smallest number of sampled instants in each step.
 SAFETY = 1.5
 """Safety factor of the estimated error between instants."""
 
@@ -76,10 +72,10 @@ def check_history(posed: PosedScene, history: History) -> None:
 
 
 def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
-    """Return seven terms of the bounds at the instants of a run, (N + 1, 7).
+    """Return terms of the bounds (N + 1, 7), |r|_K^2 (n_cells,), and instants at which data are not linear.
 
-    They are y, the sum of D, |v_n|_a, |r_n|, |r_n| for v + w, and two estimates: for data between points, and between
-    instants. Also return |r|^2 (n_cells,) at the instant of the largest y, and instants at which data are not linear.
+    The terms are y, the sum of D_n, |v_n|_a, |r_n| of v, |r_n| of v + w, and two estimated errors: from data between
+    quadrature points, and from data between instants. |r|_K^2 belongs to the instant of the largest y.
     """
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
@@ -102,12 +98,12 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
 
 
 def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
-    """Return the estimated error (N + 1,) between the instants of a run, and instants where data are not linear."""
+    """Return the estimated errors (N + 1,) from data between instants, and instants at which data are not linear."""
     times = history.trajectory.times
     if len(times) < 2:
         return np.zeros(1), times[:0]
     with suppress_scene_warnings():
-        # Pose all effects: a run omits friction that acts only within a step.
+        # A run omits friction that acts only within a step. Here all effects are posed.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))

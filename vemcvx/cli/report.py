@@ -32,7 +32,7 @@ def page(title: str, body: str, style: str = "") -> str:
 
 
 def report_page(problem: Problem, history: History, *, settings: Sequence[str], mesh: str, results: str) -> str:
-    """Return the report; `results` is the output on the terminal, and `mesh` describes the mesh."""
+    """Return the report, with the terminal's output `results` and a description of the mesh."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
     source = problem.path.read_text(encoding="utf-8", errors="replace")
@@ -68,7 +68,6 @@ def _pictures(history: History, problem: Problem) -> str:
 
 
 def _budget(history: History) -> str:
-    """Return the error budget as HTML, or the reason why no budget exists."""
     if history.errors:  # an adaptive run, whose results contain its error budget
         return "<p>The error budget of the adaptive run is part of the results.</p>"
     try:

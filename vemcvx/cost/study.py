@@ -15,7 +15,7 @@ from vemcvx.cost.workers import DONE
 
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure", "reaction"
 TABLE, WORDS = "study.csv", "study.json"
-SET = "set."  # Prefix of settings in rows: a parameter may have the same name as a key figure.
+SET = "set."  # Prefix of settings in rows, because a parameter may have the name of a result.
 
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
@@ -26,20 +26,20 @@ def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
 
 
 def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
-    """Return folder names from the settings of the runs, or numbers if such names are too long or not unique."""
+    """Return a folder name for each run: its settings, or run_1, run_2, ... if names would be too long or equal."""
     names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
     good = len(set(names)) == len(names) and max(map(len, names)) <= 100
     return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Return the names of settings that have several values, in the order in which they were given."""
+    """Return the names of settings with several values."""
     settings = [name for name in rows[0] if name.startswith(SET)]
     return [name.removeprefix(SET) for name in settings if len({row[name] for row in rows}) > 1]
 
 
 def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
-    """Return the chosen results that some run has, and the estimated error if some run has it."""
+    """Return the names of results in the table: the chosen results and the estimated error, if some run has them."""
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 
@@ -55,7 +55,7 @@ def table(rows: Sequence[Row], chosen: Sequence[str], units: Mapping[str, str]) 
 
 
 def remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield lines on failures, on results that may grow without limit, and on warnings; each line names its runs."""
+    """Yield a line for each failure, unbounded result or warning, with the runs in which it occurs."""
     runs_of: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         found = [("warning", words) for words in row.get("warnings", ())]
@@ -70,7 +70,7 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def reserve_files(folder: Path) -> None:
-    """Fail before the work starts if the files cannot be written."""
+    """Raise an error before the first run if the files cannot be written."""
     with Owned(folder) as own:
         for name in (TABLE, WORDS):
             own.take(name)

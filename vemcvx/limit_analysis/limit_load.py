@@ -1,13 +1,13 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
-The columns of N are the rigid motions that no support holds, f_0 the loads of the scene, f the load to multiply, lam
-the friction and p the pressures. A motion N c has the slips B N c and the approaches D N c. The factor is the largest
-alpha with N'(B'lam + D'p) = N'(f_0 + alpha f), p >= 0 and |lam_i| <= w_i + (J p)_i, the friction bound. Tresca's law
-has J = 0; Coulomb's law has w = 0 and J p = mu p. A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1; it
-gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
+The columns of N are the rigid motions that no support holds. A motion N c has the slips B N c, and approaches the
+obstacles by D N c. Let f_0 be the loads of the scene, and f the load to multiply. Friction forces lam have the bound
+w + J p at the pressures p: Tresca's law has J = 0; Coulomb's law has w = 0 and J p = mu p. The factor is the largest
+alpha with
 
-Solvers meet such conditions up to a tolerance only. We reduce friction by the fraction MARGIN, which leaves room to
-correct the forces. Projection of N c makes B N c = 0 at sticking nodes, and D N c + J'|B N c| = 0 at closed nodes.
+    N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
+
+A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1. Its upper bound is sum_i w_i |B_i N c| - f_0'N c.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
 
 MARGIN = 1e-10
-"""Fraction by which friction is reduced."""
+"""Fraction by which friction is reduced, so that there is room to correct forces."""
 TOLERANCE = 0.1 * MARGIN
 """Allowed violation of conditions by the corrected forces and motions, in the units of :class:`Balance`."""
 
@@ -43,7 +43,7 @@ class LimitLoad(ArrayRecord):
     Attributes
     ----------
     factor, upper : float
-        The lower bound, for which `friction` and `pressure` balance all loads, and the upper bound, from `motion`.
+        The lower bound, at which `friction` and `pressure` balance all loads, and the upper bound.
     friction, pressure : (n_nodes, dim) arrays
         Forces of friction and of one-sided contact on the nodes.
     motion : (n_nodes, dim) array
@@ -69,14 +69,12 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     """Return the largest factor of a load that friction and one-sided contact can balance.
 
     Above the factor there is no equilibrium. With Tresca's law every step below the factor has an equilibrium. With
-    Coulomb's law equilibrium may be lost below the factor, depending on the history: slip does not lift the body, so
-    friction is not associated (Drucker, J. Appl. Mech. 21, 1954). If supports can press a body against its contact, the
-    factor may be far above the load at which the body slips. Stiffness, compliances and gaps do not matter.
+    Coulomb's law equilibrium may be lost below the factor, depending on the history.
 
     Parameters
     ----------
     scene : Scene
-        Bodies that friction and contact alone hold against some rigid motions. Loads of the scene are not multiplied.
+        Bodies with rigid motions that only friction and contact prevent. Loads of the scene are not multiplied.
     mesh : PolygonMesh or PolyhedralMesh
     load : Effect or sequence of Effect
         The load that the factor multiplies, such as Traction, Pressure, BodyForce or PointLoad.
@@ -137,7 +135,6 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
 
 
 def _sum_loads(posed: PosedScene, load: Any, t: float) -> Floats:
-    """Return the forces (n_u,) of the load; raise SceneError if an effect does more than load the body."""
     total = np.zeros(posed.A.shape[0])
     for effect in load if isinstance(load, (list, tuple)) and load else [load]:
         part = effect.contribute(posed.space) if isinstance(effect, Effect) else Contribution()
@@ -149,7 +146,6 @@ def _sum_loads(posed: PosedScene, load: Any, t: float) -> Floats:
 
 
 def _read_law(posed: PosedScene, t: float) -> tuple[Floats, sp.csr_matrix]:
-    """Return w (m,) and J (m, r); raise SceneError if friction is neither Tresca's nor Coulomb's."""
     system, (m, r) = posed.system, (posed.system.B.shape[0] // posed.system.block, posed.system.D.shape[0])
     for friction, cause in zip(posed.terms.frictions, posed.causes["frictions"], strict=True):
         effect = posed.scene.canonical[cause]
@@ -167,7 +163,7 @@ def _read_law(posed: PosedScene, t: float) -> tuple[Floats, sp.csr_matrix]:
 
 
 def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:
-    """Return the work N'f (k,) of nodal forces (n_u,); an entry of the size of rounding becomes zero."""
+    """Return the work N'f of nodal forces f (n_u,) on k motions; work of the size of rounding becomes zero."""
     f = posed.supports.gather(force)
     return np.where(np.abs(N.T @ f) > ROUNDING * (np.abs(N).T @ np.abs(f)), N.T @ f, 0.0)
 
@@ -175,22 +171,22 @@ def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:
 class Balance(NamedTuple):
     """The equations B'lam + D'p = dead + alpha push for k motions, scaled to numbers of about 1."""
 
-    B: Floats  # (m, block, k)
-    D: Floats  # (r, k)
+    B: Floats  # (m, block, k) slips in the motions
+    D: Floats  # (r, k) approaches in the motions
     w: Floats  # (m,)
     J: sp.csr_matrix  # (m, r)
-    dead: Floats  # (k,)
-    push: Floats  # (k,)
+    dead: Floats  # (k,) work of the loads of the scene
+    push: Floats  # (k,) work of the multiplied load
 
     @property
     def modes(self) -> Floats:
-        """The rows of B, then those of D."""
+        """The rows of B, followed by the rows of D."""
         return np.vstack([self.B.reshape(-1, len(self.push)), self.D])
 
     def solve(self, subject: str, elastic: Any = (0.0,)) -> tuple[float, Floats, Floats, Floats, Floats]:
-        """Return the largest alpha with |lam + alpha E| <= w + J p for every array E (m, block) in `elastic`.
+        """Find the largest alpha with |lam + alpha E| <= w + J p for every array E (m, block) in `elastic`.
 
-        Return also lam (m, block), p (r,) and the dual solution: the motion c (k,), and for every E slips (m, block).
+        Return alpha, lam (m, block), p (r,), the motion c (k,) of the mechanism, and the slips (m, block) for each E.
         """
         import cvxpy as cp
 

@@ -1,9 +1,10 @@
 r"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
 
-Let g be the friction bounds, f_0 the loads at the first instant, and N and B as in :mod:`.limit_load`. If all contact
-sticks, friction forces change by E(t) from the first instant to t. By Melan's theorem slip stops for alpha if some
-constant forces s obey N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i for all i and t. Let v(t) be increments of slip
-that add up to a rigid motion N c over the cycle, sum_t v(t) = B N c. By Koiter's theorem alpha is at most
+Let g be the friction bounds, f_0 the loads at the first instant, and N and B as in :mod:`.limit_load`. Let E(t) be the
+change of friction forces from the first instant to t while all contact sticks. The factor alpha multiplies changes of
+loads. By Melan's theorem slip stops if constant forces s exist with N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i for
+all i and t. Let v(t) be increments of slip with a rigid motion as their sum: sum_t v(t) = B N c. By Koiter's theorem
+alpha is at most
 
     (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t).
 """
@@ -28,7 +29,7 @@ from vemcvx.stepping import check_times, march
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Shakedown(ArrayRecord):
-    """The largest factor of a cycle for which slip stops, between two bounds; for m friction terms and T instants.
+    """Two bounds on the largest factor of a load cycle with which slip stops, for m friction terms and T instants.
 
     Attributes
     ----------
@@ -39,7 +40,7 @@ class Shakedown(ArrayRecord):
     bounds : (m,) array
         Friction bounds, as forces.
     elastic : (T, m, block) array
-        Changes of friction forces since the first instant while all contact sticks; block is 1, in space 2.
+        Changes of friction forces since the first instant while all contact sticks. In the plane block = 1, in space 2.
     residual : (m, block) array
         Constant friction forces: ``residual + factor * elastic`` obeys the bounds at all instants.
     slips : (T, m, block) array
@@ -61,12 +62,11 @@ class Shakedown(ArrayRecord):
 
 
 def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
-    """Return the largest factor of a cycle of loads for which slip stops after some cycles.
+    """Return the largest factor of a load cycle with which slip stops after some repetitions.
 
-    The factor multiplies the changes of loads and prescribed displacements since the first instant. Below the factor
-    the work of friction over all cycles is finite. Above it slip never stops. The theorems of Melan and Koiter need
-    associated friction; for Coulomb's law see Klarbring, Ciavarella and Barber (Int. J. Solids Struct. 44, 2007). The
-    factor depends on the mesh: it tends to zero on fine meshes if friction of stuck contact is singular at its ends.
+    The factor multiplies the changes of loads and prescribed displacements since the first instant. Above the factor
+    slip never stops. If friction of stuck contact is singular at the ends of contact, the factor tends to zero as the
+    mesh is refined.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         Bilateral contact and Tresca's friction with constant bounds, without viscosity.
     mesh : PolygonMesh or PolyhedralMesh
     times : increasing sequence of instants
-        One cycle; loads are evaluated at these instants only, so that instants at which loads turn must be among them.
+        One cycle, with all instants at which loads turn. Loads are evaluated at these instants only.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
     with suppress_scene_warnings():
         posed = pose_scene(scene, mesh, instants)
     g, system = _read_bounds(posed, instants), posed.system
-    # With infinite weights contact sticks; nodes with the bound zero bear no friction.
+    # Infinite weights make nodes stick. Nodes whose bound is zero bear no friction.
     norms = None if system.norms is None else replace(system.norms, w=np.where(g > 0, np.inf, 0.0))
     forces = march(replace(system, norms=norms), instants, initial="settled").multipliers[:, : len(g)]
     E = forces - forces[0]
@@ -118,7 +118,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # Make the sum of v the rigid motion B c: distribute net - B c over the instants in proportion to |v(t)|.
+    # Correct v so that its sum is B c: subtract the excess (net - B c), distributed in proportion to |v(t)|.
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())
@@ -134,7 +134,6 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
 
 
 def _read_bounds(posed: PosedScene, instants: list[float]) -> Floats:
-    """Return the friction bounds (m,); raise SceneError if the theorems do not hold for the scene."""
     system, norms, drawn = posed.system, posed.system.norms, posed.terms.dragged
     if norms is None:
         raise SceneError("shakedown: found no friction; wanted TrescaFriction where the body can slip.")
@@ -160,6 +159,6 @@ def _find_largest_factor(s: Floats, E: Floats, g: Floats) -> float:
     """Return the largest alpha with |s_i + alpha E_i(t)| <= g_i for all i and t, for given s within the bounds."""
     a, b, c = (E**2).sum(axis=2), (E * s).sum(axis=2), np.maximum(g**2 - (s**2).sum(axis=1), 0.0)
     root = np.sqrt(b**2 + a * c)
-    # The root of a alpha^2 + 2 b alpha = c, without cancellation for either sign of b.
+    # The positive root x of a x^2 + 2 b x = c, without cancellation.
     falls = np.divide(root - b, a, out=np.full_like(root, np.inf), where=a > 0)
     return float(np.divide(c, root + b, out=falls, where=b > 0).min())

@@ -1,10 +1,10 @@
 """Polygons in flat arrays: shared edges and vertices, and geometry in the plane.
 
-Rows of different lengths are stored end to end in one array: row c is ``flat[offsets[c]:offsets[c + 1]]``. If the rows
-are the vertices of cells, entry k is called corner k. An edge starts at each corner: from ``vertices[k]`` to the next
-vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b.
+Rows of different lengths are stored end to end in one array: row c is ``flat[offsets[c]:offsets[c + 1]]``. The array
+``vertices`` has one row per cell. Its entry k is called corner k. An edge starts at each corner: from ``vertices[k]``
+to the next vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b.
 
-With the vectors d_i from the first vertex o of a cell to its vertex i, and the cross product a x b = a_1 b_2 - a_2 b_1,
+Let d_i be the vector from the first vertex o of a cell to vertex i, and a x b = a_1 b_2 - a_2 b_1. A cell has
 
     area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
@@ -25,7 +25,7 @@ from vemcvx.base.arrays import Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
-    """Return ranges end to end: counts[0] whole numbers from starts[0] on, then counts[1] from starts[1] on, ..."""
+    """Return ranges end to end; range i has counts[i] whole numbers and begins with starts[i]."""
     before = np.cumsum(counts) - counts
     return np.repeat(starts - before, counts) + np.arange(counts.sum())
 
@@ -66,13 +66,13 @@ def find_all_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """Return, for each distinct key in ascending order, the position of the least of the values (k,) with this key."""
+    """Return the position of the least value of each distinct key; keys are in ascending order."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Group rows with the same entries in any order: return the first row of each group, and the group of each row."""
+    """Group rows that differ only in order; return the first row of each group, and the group of each row."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -87,7 +87,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
 
 
 def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
-    """Return, for each wanted row, the number of the row with the same entries in any order; -1 if there is none."""
+    """Return, for each wanted row, the row with the same entries in any order; -1 if there is none."""
     count = len(offsets) - 1
     whole = np.append(offsets, offsets[-1] + wanted_offsets[1:])
     first, number = same_rows(whole, np.append(flat, wanted))
@@ -96,7 +96,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return the positions of all entries after rotation: a row with True flags begins with its first True flag."""
+    """Return an order of all entries: each row is rotated so that it begins with its first True flag, if it has one."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -105,7 +105,7 @@ def rotation(flags: Bools, offsets: Ints) -> Ints:
 
 
 def backwards(offsets: Ints) -> Ints:
-    """Return the positions of all entries, with each row in reverse."""
+    """Return an order of all entries in which each row is reversed."""
     return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
 
 
@@ -151,7 +151,7 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Return offsets and vertices of outlines with more nodes on some edges.
 
-    Row k of `nodes` (with the offsets `rows`) goes into the edge from ``ends[k, 0]`` to ``ends[k, 1]``, in this order.
+    Row k of `nodes` goes into the edge from ``ends[k, 0]`` to ``ends[k, 1]``; `rows` are the offsets of `nodes`.
     """
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
@@ -172,9 +172,9 @@ def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: I
 class SharedEdges:
     """The corners of a mesh, sorted by the undirected edge that starts at them."""
 
-    corners: Ints  # (n_corners,) grouped by edge; within a group in the order of the cells
+    corners: Ints  # (n_corners,) sorted by edge, then by cell
     first: Ints  # (n_edges,) position in `corners` of the first corner of each edge
-    counts: Ints  # (n_edges,) number of cells at each edge: in valid plane meshes 1 on the boundary, 2 inside
+    counts: Ints  # (n_edges,) number of cells at each edge
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
@@ -204,7 +204,7 @@ def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Return, for each number below `count`, the smallest number in its component of the graph with edges `pairs`."""
+    """Return, for each number below `count`, the smallest number that a chain of `pairs` links to it."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     return np.unique(label, return_index=True)[1][label]
@@ -229,7 +229,7 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, of boxes (m, d) that meet: [low_i, high_i] and [tree_low_j, tree_high_j]."""
+    """Return pairs (i, j), sorted by i: box [low_i, high_i] meets box [tree_low_j, tree_high_j]."""
     import shapely
 
     if not len(low) or not len(tree_low):
@@ -257,7 +257,7 @@ def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Return pairs (i, j) of overlapping polygons and their common parts; a pair with two parts is listed twice."""
+    """Return pairs (i, j) of polygons with each common part; a pair with two common parts is listed twice."""
     import shapely
 
     i, j = shapely.STRtree(second).query(first)
@@ -316,13 +316,13 @@ def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the largest distance (n_cells,) between two vertices of each cell; vertices may be in any order."""
+    """Return the largest distance (n_cells,) between two vertices of each cell."""
     counts = np.diff(offsets)
     squared = np.zeros(len(counts))
     for count in np.unique(counts):
         cells = np.flatnonzero(counts == count)
         corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-        for step in range(1, count // 2 + 1):  # in cyclic order, two vertices are at most half the row apart
+        for step in range(1, count // 2 + 1):  # two entries of a ring are at most half the ring apart
             apart = corner - np.roll(corner, -step, axis=1)
             squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
     return np.sqrt(squared)
@@ -361,6 +361,6 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
 def split_at_vertices(corners: Floats) -> Ints:
     """Split simple polygons (c, n, 2) into counter-clockwise triangles: return their corners (c, n - 2, 3)."""
     c, n, _ = corners.shape
-    number = np.tile(np.arange(n), c)  # third coordinates, which identify the corners of the triangles
+    number = np.tile(np.arange(n), c)  # third coordinates, kept by Shapely: the number of each corner
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))
     return _split_into_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)

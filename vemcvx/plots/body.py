@@ -1,6 +1,6 @@
 """The deformed body: colours show its displacement or stress, and in the plane arrows show contact forces.
 
-In space, PyVista renders the surface as an image and needs no display; no other module of the pictures imports PyVista.
+In space, PyVista renders the surface as an image, without a display.
 """
 
 from __future__ import annotations
@@ -118,12 +118,12 @@ def stressed_body(
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step whose largest visible stress is within 1 % of the maximum over steps.
+        A stored step; by default the last step at which the largest visible stress is within 1 % of its maximum.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
-        "contact": arrows of pressure plus friction, with heads on the body. "friction": arrows of friction, beside the
-        body. Arrows are blue and thick where contact sticks, orange and thin where it slips, grey without friction.
+        Draw arrows of pressure plus friction, with heads on the body, or of friction alone, beside the body. Arrows are
+        blue and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         Draw only this part, in units of length.
     stretch : float
@@ -135,9 +135,9 @@ def stressed_body(
     Returns
     -------
     matplotlib Figure
-        Arrows are cut at 1.5 times the 90 % quantile of forces, with a note in the title. Closed contact is bold, or
-        hatched where magnified displacements draw its sides apart. Gaps given as data are not drawn. A pointed end of
-        the colour bar stands for stresses beyond the bar; at most 1 % of the cells have such stresses.
+        Arrows are cut at 1.5 times the 90 % quantile of forces. Closed contact is bold. It is hatched where
+        magnification separates its two sides. If the colour bar has a pointed end, up to 1 % of the cells have stresses
+        beyond this end.
 
     Raises
     ------
@@ -170,17 +170,13 @@ def stressed_body(
 
 @dataclass(frozen=True)
 class _Field:
-    """A field on cells: its values (n_cells,) at all stored steps, its label, and its colours."""
-
-    values: Sequence[Floats]
+    values: Sequence[Floats]  # (n_cells,) at each stored step
     label: str
     colours: Colours
 
 
 @dataclass(frozen=True, kw_only=True)
 class _View:
-    """The options for drawing a plane body: see `stressed_body`."""
-
     forces: str = field(kw_only=False)
     window: Window | None = None
     stretch: float = 1.0
@@ -202,7 +198,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
-        # The checks of meshes would refuse bodies in contact, whose nodes coincide; drawing does not need them.
+        # We skip the checks of meshes, which refuse coinciding nodes: bodies in contact have such nodes.
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _outline_closed(history, row, places)
@@ -245,12 +241,12 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step; by default of the step at which one of the `stresses`, S arrays (k,), is largest."""
+    """Return the row of a step; by default of the last step with the largest stress, within 1 %."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps, and its ends: (-top, top), (0, top) or (-top, 0)."""
+    """Return a colour map for the stresses of all steps, and the stresses at its two ends."""
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     # The map ends at the 99 % quantile, because stress at the corner of a clamp is unbounded.
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
@@ -265,7 +261,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return outlines (k, 2) of the areas between sides of closed contact that magnification draws apart."""
+    """Return outlines (k, 2) of the areas between sides of closed contact, which magnification separates."""
     contact = history.contact
     if not contact.closed[row].any():
         return []
@@ -277,7 +273,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 nodes; return the largest visible force, and the force at which arrows end."""
+    """Draw forces per length at up to 26 nodes; return the largest force, and the force beyond which arrows are cut."""
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
     seen = np.flatnonzero(within(contact.points, view.window))
@@ -342,7 +338,7 @@ def deformed_body(
     Returns
     -------
     matplotlib Figure
-        The image, with a colour bar. Magnification, colour scale and visible part are the same at all steps.
+        All scales are the same at all steps.
 
     Raises
     ------

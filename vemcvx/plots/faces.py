@@ -1,4 +1,4 @@
-"""Contact in space on its faces, each seen along its mean normal: stick and slip, pressure, friction, wear.
+"""Faces of contact in space, each seen along the mean of its normals.
 
 In every face, a node owns the quadrilateral between itself, the midpoints of its two edges, and the centroid.
 """
@@ -35,7 +35,7 @@ class ContactFace:
     frame: Floats  # (2, 3) unit vectors to the right and up
     labels: tuple[str, str]  # the names of the coordinates along these vectors
     corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
-    owners: Ints  # (k,) the owner of each quadrilateral, a row of the contact arrays
+    owners: Ints  # (k,) the node that owns each quadrilateral, as a position in the contact arrays
 
     @property
     def places(self) -> Floats:
@@ -48,7 +48,7 @@ class ContactFace:
 
 
 def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactFace]:
-    """Return the faces of contact that one view shows, by name: the name of an interface, or "obstacles"."""
+    """Return the faces of contact that one view shows, by names of interfaces, and "obstacles" for all obstacles."""
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("contact_face: this body is plane; friction_traction and stick_slip_map draw its contact.")
@@ -88,7 +88,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
-    # A node at the rim of an interface owns parts only of those faces that belong to the interface.
+    # At the rim of an interface, a node of the interface owns parts of faces of the interface only.
     rows = np.full((2, mesh.n_nodes), -1)
     rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
     inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
@@ -178,7 +178,6 @@ def contact_face(
 
 
 def _panels(history: Results, on: str | None, ax: Axes | None) -> Iterator[tuple[Axes, str, ContactFace]]:
-    """Yield axes, the beginning of a title and the face for each face of contact."""
     faces = contact_faces(history, on)
     if not faces:
         raise HistoryError(f"contact_face: {HIDDEN}.")

@@ -1,4 +1,4 @@
-"""The convex program of a step: the variational inequality in coordinates, condensed, scaled, certified.
+"""The convex program of a step, with its condensation, scaling and certificate.
 
 Authors of solvers need `Operators`, `StepProgram`, `Answer`, and the names of features.
 """

@@ -1,20 +1,20 @@
 """Static condensation, once for all steps: a system reduced to the unknowns of its norm terms and limits.
 
 Norm terms and limits act on the retained unknowns c; the others are the interior unknowns i. The Schur complement is
-S = K_cc - K_ci K_ii^{-1} K_ic. If K = L U is ordered with c last, then S = L_cc U_cc, at no extra cost.
+S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in a factorisation K = L U, then S = L_cc U_cc.
 
-A force phi is *reduced* to the interior response xi with fixed retained unknowns, and to the force tau on them:
+A force phi is *reduced* to two vectors. xi is the response of the interior while the retained unknowns are fixed at
+zero, and tau is a force on the retained unknowns:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-Let y be a state under the force f, with retained displacements y_c; xi_f and tau_f are the xi and tau of f. Then
+Let a force f be reduced to xi_f and tau_f, and let y be a state under f with the retained displacements y_c. Then
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
-where phi'y is the work of a force phi. If K has a kernel (:mod:`.kernel`), the diagonal matrix E of the anchors'
-stiffness is added to K; the Schur complement is then S + E. The loads of a run combine few forces, called shapes. Each
-costs one solve.
+where phi'y is the work of a force phi. If K has a kernel, a diagonal matrix E is added to K: the stiffness of anchors
+(:mod:`.kernel`). The Schur complement is then S + E.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
-"""Largest number of stored shapes; further loads of new shape cost one solve per step."""
+"""Largest number of stored forces, called shapes. A combination of shapes needs no solve; other loads need one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A force phi (n,) with its xi (n,) and tau (m,), and `released` (m,), the retained part of K^{-1} phi."""
+    """A force phi, reduced to xi and tau."""
 
-    phi: Floats
-    xi: Floats
-    retained: Floats  # tau
-    released: Floats
+    phi: Floats  # (n,)
+    xi: Floats  # (n,)
+    retained: Floats  # (m,) tau
+    released: Floats  # (m,) the retained part of K^{-1} phi
 
     @cached_property
     def norm(self) -> float:
@@ -74,11 +74,10 @@ class Reduced:
 
 
 class Condensation:
-    """A system reduced to its retained unknowns.
+    """A system reduced to its `retained` (m,) unknowns: `operators` act on these, and `full` on all unknowns.
 
-    `operators` are the dense S and the rows of norm terms and limits, on the `retained` (m,) unknowns. `full` are the
-    operators on all unknowns. If `whole` is True, the system is not condensed, and `operators` equals `full`.
-    `factor` solves with K; if K has a kernel, with K plus the stiffness `anchor`.
+    If `whole` is True, the system is not condensed, and `operators` equals `full`. `factor` solves with K, or with
+    K + E if K has a kernel; `anchor` is the diagonal of E.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -112,7 +111,6 @@ class Condensation:
         self.operators = self._on(c, K, DenseInverse(S))
 
     def _on(self, c: Ints, K: Matrix, factor: Factor) -> Operators:
-        """Return the operators on the unknowns `c` (m,)."""
         system, kernel, limits = self.system, self.system.kernel, self.system.limits
         return Operators(
             K,
@@ -125,7 +123,7 @@ class Condensation:
         )
 
     def reduce(self, phi: Floats, kind: str = "") -> Reduced:
-        """Return the reduced form of a force (n,); if it combines earlier forces of this kind, no solve is needed."""
+        """Reduce a force (n,); no solve is needed if the force is a combination of earlier forces of the same kind."""
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
         n, m = len(phi), len(self.retained)
@@ -142,13 +140,12 @@ class Condensation:
         return total.plus(basis[-1], unit)
 
     def _solve_shape(self, phi: Floats) -> Reduced:
-        """Reduce a force (n,) by a solve."""
         xi = self.solve_interior(phi)
         tau = self.balance(phi[self.retained] - self._K[self.retained] @ xi, phi)
         return Reduced(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau (m,), corrected to do the work of phi (n,) in K's kernel; rounding counts as zero work."""
+        """Return tau (m,), corrected so that tau and phi (n,) do the same work on every motion in the kernel of K."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau
@@ -157,7 +154,7 @@ class Condensation:
         return tau + N @ (np.linalg.solve(kernel.modes[self.retained].T @ N, work) - N.T @ tau)
 
     def solve_interior(self, phi: Floats) -> Floats:
-        """Return the response xi to interior forces (n,) or (n, k) with fixed retained unknowns."""
+        """Return xi, of the same shape as phi: (n,) or (n, k)."""
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0
         if not inner.any():
@@ -176,7 +173,7 @@ class Condensation:
         return self.complete(force.xi, force.released)
 
     def complete(self, xi: Floats, y_c: Floats) -> Floats:
-        """Return xi + K^{-1} (0, S y_c), the state (n,) with retained unknowns y_c, or k states (n, k)."""
+        """Return the state xi + K^{-1} (0, S y_c), whose retained unknowns are y_c; or k states (n, k)."""
         pushed, y = np.zeros_like(xi), xi.copy()
         if y_c.any() and len(y_c) < len(xi):
             pushed[self.retained] = self._S @ y_c

@@ -1,17 +1,10 @@
 """The contact boundary over time, from the results of a march.
 
-A slip is (I - n n') u minus the motion of the ground, with the normal n and the displacement u relative to the partner.
-Forces are given per length: a nodal force is divided by int phi_i over the edges of contact (for tractions, over the
-edges with friction), where phi_i is the hat function of the node. At corners, forces and edges of both sides count.
-
-- Tractions are minus the multipliers lam of friction.
-- Pressures are the forces p_j of one-sided contact. In bilateral contact, they are -g . (R + B^' lam + D^' p), where
-  :mod:`vemcvx.scene.contact` defines g, and :mod:`vemcvx.results.forces` the other symbols.
-- Wear is friction work, the sum over all steps of friction bound times length of slip. The worn depth is proportional
-  to wear (Archard 1953).
-
-A one-sided contact is closed if p_j + c_j z_j >= 0. Here z_j is the normal displacement minus the gap, and c_j = n'An
-the stiffness of the node along its normal. The solver chooses active sets by the same rule.
+Let n be the normal of a contact node, u its displacement relative to its partner, and phi_i its hat function. The slip
+is (I - n n') u minus the motion of the ground. Normal forces are divided by int phi_i over the edges of contact, and
+friction forces by int phi_i over the edges with friction. Wear is friction work; the worn depth is proportional to wear
+(Archard 1953). One-sided contact with the force p_j is closed if p_j + c_j z_j >= 0. Here z_j is the normal
+displacement minus the gap, and c_j = n'An the stiffness of the node along its normal.
 """
 
 from __future__ import annotations
@@ -35,9 +28,9 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement. The
-    force of a support along the boundary is neither traction nor pressure. While this support stands still, friction on
-    its nodes is not unique, and is given as 0. In space, lengths are areas.
+    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement.
+    Friction on nodes that a support at rest holds along the boundary is not unique, and is given as 0. In space,
+    lengths are areas.
 
     Attributes
     ----------
@@ -48,28 +41,26 @@ class Contact(ArrayRecord):
     points, normals : (m, dim)
         Coordinates, and outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
-        Tangential displacement relative to the partner, or to the ground if it moves.
+        Tangential displacement relative to the partner or the ground.
     traction : (S, m, dim)
         Friction force on the body of `nodes`, per length of the edges with friction.
     bound : (S, m)
-        Friction bound per length; 0 without friction. A bound that depends on direction is given for the direction of
-        the friction force.
+        Friction bound per length; 0 without friction.
     pressure : (S, m)
         Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Friction and pressure to quote and draw. On interfaces of meshes that do not match, they are means over 1.5
-        cells, without ripple (:mod:`vemcvx.results.contact_tiles`); elsewhere they are `traction` and `pressure`.
+        cells (:mod:`vemcvx.results.contact_tiles`); elsewhere they are `traction` and `pressure`.
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
-        Friction work since the initial instant per length with friction; in all, it is ``wear @ friction_lengths``.
+        Friction work since the initial instant, per length. The total work is ``wear @ friction_lengths``.
     accumulated_slip : (S, m)
-        Length of the slip path, to and fro, since the initial instant; where several frictions meet, the largest.
-        If the bound depends on direction, slip across is multiplied by the ratio of the bounds across and along.
+        Length of the path of slip, to and fro, since the initial instant.
     closed : (S, m) bool
         True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
     lengths, friction_lengths : (m,)
-        int phi_i over the edges of contact, and over the edges with friction; at a corner, both sides count.
+        Integrals of the node's hat function over the edges of contact, and over the edges with friction.
 
     Examples
     --------
@@ -99,12 +90,12 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def take(self, nodes: Ints) -> Contact:
-        """Return the contact at some nodes, given by their positions in `nodes`."""
+        """Return the contact at some contact nodes, given by positions in the arrays."""
         sizes = {name: of.sizes for name, of in array_fields(Contact).items()}
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return the position (k,) of the pair (node, partner) of each row; -1 for unknown pairs."""
+        """Return, for each row, the position of its node and partner in the arrays; -1 if they are no contact."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         return find_in(
             pair_numbers(self.nodes, self.partners, largest), pair_numbers(rows.nodes, rows.partners, largest)
@@ -132,7 +123,7 @@ class Contact(ArrayRecord):
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """Return the contact boundary at the stored instants, from nodal u and forces A u - f (S, n_nodes, dim)."""
+    """Return the contact boundary at the stored instants, given nodal displacements u and forces A u - f."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
@@ -180,7 +171,7 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """Return the motion (S, m, dim) of the ground along the boundary, averaged by length where frictions meet."""
+    """Return the motion (S, m, dim) of the ground along the boundary; where grounds meet, a mean by length."""
     terms = posed.terms
     if terms.reported is None:
         return 0.0
@@ -189,7 +180,6 @@ def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:
-    """Return normal contact forces per length (S, m), from nodal forces A u - f (S, n_nodes, dim)."""
     surface, terms, obstacles, p = posed.surface, posed.terms, posed.obstacles, trajectory.pressures
     S, m = len(forces), len(surface.nodes)
     held = np.unique(surface.normal_reaction.indices)
@@ -200,7 +190,6 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
 
 
 def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
-    """Return recovered tractions and pressures; friction term i is at the contact node `at[i]`."""
     surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
     mixed = surface.partners >= 0
     if mixed.any():
@@ -210,7 +199,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # With given directions, `length` below is not the length to which tractions refer, so we do not recover tractions.
+    # Tractions with given directions refer to other lengths than `length` below, so we do not recover them.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -240,8 +229,8 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
     """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
 
-    1. A node with friction has the state of the certified answer. 2. A node without friction sticks if its slip stays
-    constant; if the start is not stored, if the solver did not iterate.
+    Nodes with friction have the state of the certified answer. Other nodes stick if their slip stays constant in the
+    step. If the state before the step is not stored, other nodes stick if the solver did not iterate.
     """
     sticking = np.ones(slip.shape[:2], dtype=bool)
     smooth = np.setdiff1d(np.arange(slip.shape[1]), at)

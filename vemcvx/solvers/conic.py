@@ -1,7 +1,6 @@
 """Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
 
-The settings are for scaled programs. "Certified 5e-5" means that runs with the requested accuracy 1e-6 reached a
-certified error of 5e-5.
+The settings are for scaled programs. Errors in comments are certified errors for the requested accuracy 1e-6.
 """
 
 from __future__ import annotations
@@ -34,19 +33,19 @@ def follow_gap(share: float, least: float, most: float = 1e-8, power: float = 1.
 SHORT = follow_gap(TARGET_FRACTION, 1e-13)
 """Tolerance of solvers that break down at smaller tolerances."""
 RESIDUAL = follow_gap(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
-"""Tolerance of OSQP's residuals, which enter the gap squared."""
+"""Tolerance of OSQP's residuals, whose squares enter the gap."""
 
 TUNED: Mapping[str, Mapping[str, Setting]] = {
     "CLARABEL": {
-        "tol_gap_abs": follow_gap(INNER_FRACTION, 1e-15),  # its gap differs from the certificate's gap
+        "tol_gap_abs": follow_gap(INNER_FRACTION, 1e-15),  # Clarabel's gap differs from the gap of the certificate
         "tol_gap_rel": follow_gap(INNER_FRACTION, 1e-15),
-        "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # residuals enter the gap squared
+        "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # squares of residuals enter the gap
         "max_threads": 1,  # two threads take three times as long on the patterns that cvxpy makes
-        "direct_solve_method": "faer",  # the paper's full program takes 4.6 s, with qdldl 22 s
+        "direct_solve_method": "faer",  # "qdldl" takes five times as long for the paper's program
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
         "presolve_enable": False,  # there is nothing to remove
         "equilibrate_enable": False,  # programs are scaled already
-        "static_regularization_constant": 1e-15,  # 1e-13 lets 1/6 of the paper's steps miss by a factor of 1e6
+        "static_regularization_constant": 1e-15,  # with 1e-13, errors of 1/6 of the paper's steps are too large
         "max_step_fraction": 0.999,  # saves 7 % of the iterations
     },
     "OSQP": {
@@ -59,25 +58,23 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "polish_refine_iter": 10,  # gains the last digits of polishing
     },
     "SCS": {
-        "eps_abs": SHORT,  # by default, 1e-4, certified 2e-3; below 1e-13 some steps do not converge
+        "eps_abs": SHORT,  # the default leads to errors of 2e-3; below 1e-13 some steps do not converge
         "eps_rel": 0.0,  # data are scaled; the reference of eps_rel differs from step to step
         "max_iters": 200_000,  # first-order method: small tolerances take many iterations
         "normalize": False,  # programs are scaled already
     },
-    "HIGHS": {"qp_regularization_value": 0.0},  # by default, 1e-7, certified 4e-6; K is regular, or nearly so
+    "HIGHS": {"qp_regularization_value": 0.0},  # the default leads to errors of 4e-6
 }
 """The settings of each solver, under their names in cvxpy; all other settings keep their defaults."""
 
-# In problems/hard_cases.py a matrix K has one motion without energy, which friction barely prevents.
-SEMIDEFINITE = {"CLARABEL": {"static_regularization_constant": 1e-13}}  # with 1e-15 errors stay at 6e-6
+SEMIDEFINITE = {"CLARABEL": {"static_regularization_constant": 1e-13}}  # problems/hard_cases.py needs it
 """Settings that replace those of `TUNED` if K is only semidefinite."""
 
-# Examples of retries: problems/janssen_silo.py (fixed points need all digits), problems/solver_accuracy.py.
 RETRY = {
     "CLARABEL": {
         "iterative_refinement_enable": True,  # gains the missing digits
-        "static_regularization_constant": 1e-13,  # fewer steps miss than with 1e-15
-        "max_step_fraction": 0.99,  # the paper's steps reach errors of 1e-8; with .999 only 4e-8
+        "static_regularization_constant": 1e-13,  # more steps reach the accuracy than with 1e-15
+        "max_step_fraction": 0.99,  # with .999, errors of the paper's steps are four times as large
     }
 }
 """Settings that replace those of `TUNED` in a second attempt."""
@@ -114,7 +111,7 @@ class ThroughCvxpy(Solver):
     accuracy : float
         Requested relative energy error of a step, which its certificate must meet.
     polish : bool
-        Add one active-set step of Newton's method to every answer. Off by default, so that solvers stay independent.
+        Add one active-set step of our Newton method to every answer.
     options : mapping, optional
         Options of the solver, which replace the tuned settings of the same name.
     tuned : bool
@@ -214,7 +211,7 @@ class Clarabel(ThroughCvxpy):
 
 @dataclass(frozen=True)
 class OSQP(ThroughCvxpy):
-    """The operator-splitting solver OSQP, through cvxpy, for absolute values; it has no second-order cones.
+    """The operator-splitting solver OSQP, through cvxpy, which accepts no second-order cones.
 
     Parameters
     ----------
@@ -234,11 +231,11 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """A cvxpy problem with parameters g, w, b, e, compiled once; if K is sparse, the problem is posed in every step."""
+    """The step as a problem in cvxpy: compiled once if K is dense, and posed anew in every step if K is sparse."""
 
     def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):
         self._settings, self._newton = settings, newton
-        # For each set of terms that always stick: the step in cvxpy, and the objects that cvxpy keeps for a warm start.
+        # Compiled steps, and what cvxpy keeps for warm starts, by the set of terms that always stick.
         self._compiled: dict[bytes, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:

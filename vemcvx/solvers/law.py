@@ -1,8 +1,8 @@
-"""The weights w of norm terms in one step: given numbers, or a law w(p, |s|), with forces p of limits and slips s.
+"""The weights w of norm terms in one step: constants, or a law w(p, |s|) of the forces p of limits and the slips s.
 
-A law has two derivatives: J = dw/dp, its *slope*, if the law defines it, and dw/d|s|, by differences, if w depends on
-the slip of the step. A step under a law is one set-valued equation. If p* and s* are the p and s of a solution, this
-solution also solves the convex program with the constant weights w(p*, |s*|).
+A law may define its *slope* J = dw/dp. If w depends on the slip of the step, dw/d|s| is computed by differences. A
+step under a law is one set-valued equation. A solution with forces p* and slips s* also solves the convex program with
+the constant weights w(p*, |s*|).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ RELATIVE_STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """The weights of norm terms in one step, as functions of limit forces p (r,) and of slips (m,) in the step."""
+    """The weights of norm terms in one step, as functions of the forces of limits and the slips in the step."""
 
     w: Floats  # (m,) constant weights, as in Tresca's law
     norms: Norms | None = None  # terms whose law replaces the constants
@@ -45,7 +45,7 @@ class Weights:
 
     @property
     def reads_slip(self) -> bool:
-        """True if weights may depend on the slip of the step; False if the law defines dw/dp."""
+        """True if weights may depend on the slip of the step. A law with a slope must not depend on it."""
         return self.norms is not None and self.norms.rule.slips and self.norms.rule.slope is None
 
     def at(self, p: Floats, slip: Floats) -> Floats:
@@ -77,7 +77,7 @@ class Weights:
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
-        """Raise SceneError if weights fall faster with slip than `softening`, or depend on slip although J is given."""
+        """Raise SceneError if weights fall faster with slip than `softening`, or a law with a slope depends on slip."""
         norms = self.norms
         if norms is None or not norms.rule.slips or (norms.softening is None and norms.rule.slope is None):
             return
@@ -105,18 +105,18 @@ MOST_EVALUATIONS = 200
 
 
 def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance: float = 16 * EPS) -> Floats:
-    """Return the slips r (m,) >= 0 with w(p, r) + shift r = size, or r = 0 if size <= w(p, 0), for a monotone law."""
+    """Return slips r >= 0 with ``law.at(p, r) + shift * r = size``, or 0 where ``size <= law.at(p, 0)``."""
     low, high = np.zeros_like(size), np.maximum(size - law.at(p, np.zeros_like(size)), 0.0) / shift
     below, above = -shift * high, law.at(p, high) + shift * high - size
     if (above <= 0.0).all():
         return high
-    last = np.full(len(size), 2)  # 1 if the last point moved `low`, 0 if it moved `high`, 2 at first
+    last = np.full(len(size), 2)  # the end that moved last: 1 for `low`, 0 for `high`, 2 at first
     for _ in range(MOST_EVALUATIONS):
         part = np.divide(-below, above - below, where=above > below, out=np.ones_like(low))
         r = low + (high - low) * np.clip(part, 0.0, 1.0)
         error = law.at(p, r) + shift * r - size
         under = error <= 0.0
-        # Halve the value at an end of the bracket that did not move in the last two rounds (Illinois).
+        # If an end of the bracket stayed in two rounds, halve the value at this end (the Illinois rule).
         share, last = np.where(under == last, 0.5, 1.0), under
         above, below = np.where(under, share * above, error), np.where(under, error, share * below)
         low, high = np.where(under, r, low), np.where(under, high, r)

@@ -1,4 +1,4 @@
-"""The programs of a run's steps, unscaled and with answers, for other solvers."""
+"""The unscaled programs of the steps of a run, with their answers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,6 @@ def programs_of_trajectory(
 
 
 def _make_solved_program(run: PreparedRun, before: State, after: State, n: int) -> SolvedProgram:
-    """Return the program of step `n` with the weights of the state after it."""
     m, norms = run.operators.count, run.system.norms
     posed = pose_step(run, before, after.data, after.weights[:m])
     # The difference of two states may violate a bound by rounding.
@@ -94,6 +93,5 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 
 def _read_stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
-    """Return the stored state after step `n`."""
     arrays = {name: array for name in FIELDS if (array := getattr(trajectory, name)) is not None}
     return state_of_row(run, float(trajectory.times[n]), row_of(arrays, trajectory.stored, n))

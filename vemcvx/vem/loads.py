@@ -22,15 +22,13 @@ from vemcvx.vem.projection import CellGroup, PolyhedronGroup, second_moments
 from vemcvx.vem.space import Space
 from vemcvx.vem.tensors import COMPONENTS
 
-# Quadrature on polygons with points inside the cell, exact for degree 2; on polyhedra at the centroid.
-#
-# With centroid c and second moments M = 1/|K| int_K (x - c)(x - c)' dx, the four points
+# Let c be the centroid of a polygon, and M = 1/|K| int_K (x - c)(x - c)' dx its second moments. The four points
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
 # match all moments of degree 2, and every convex cell contains them (Kannan, Lovasz, Simonovits, Discrete Comput. Geom.
-# 13 (1995)). A cell is cut into triangles, with three points each, if it is a triangle, or if one of its four points is
-# not clearly inside.
+# 13 (1995)). If one of the points is not clearly inside, the cell is cut into triangles. Triangles have three points
+# each. Polyhedra have one point, the centroid.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -64,7 +62,7 @@ def _ring(about: Floats, areas: Floats) -> Floats:
     """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
     M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
-    # The determinant may round below zero on cells thinner than 1e-8 of their length; `_all_inside` rejects the points.
+    # On cells thinner than 1e-8 of their length, rounding may make the determinant negative.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
     half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
     return np.concatenate([half, -half], axis=1)
@@ -73,23 +71,18 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
     """Return True for cells (c,) whose points (c, p, 2) all lie clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|). This excludes points that are on an edge up to rounding (in triangles with
-    # hanging nodes), but no points of rectangles of aspect ratio 5e9.
+    # "Clearly" means by 1e-6 sqrt(|K|). Points on an edge up to rounding are not inside.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
 
 
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
-    """Return the rule with three points in each triangle (..., 3, 2); `owner` are the cells of the triangles."""
     triangles = triangles.reshape(-1, 3, 2)
     weights = np.repeat(triangle_areas(triangles) / 3.0, 3)
     return places(triangles, DEGREE_2_POINTS).reshape(-1, 2), weights, np.repeat(owner, 3)
 
 
-# Loads of Section 3 of the paper, before (3.14): each vertex of a cell carries an equal part of the force on the cell,
-# except in bodies of revolution (see `load_shares`). Two Gauss points on an edge are exact for forces of degree 2,
-# seven points on each triangle of a face for degree 4.
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """Return the load of a force per length (in space: per area) on a part of the boundary.
 
@@ -103,7 +96,8 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     points : (q, dim) array
         Two Gauss points per edge; seven points per triangle of a face.
     matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 in (x, y), 1 in (r, z), 4 in space.
+        ``matrix @ f(points).ravel()`` is the nodal load. It is exact for forces f of degree 2 in the plane, of degree 1
+        in bodies of revolution, and of degree 4 in space.
     sides : (q,) array of int
         The side of each point, as a position in the part.
 
@@ -128,8 +122,8 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     """Return points (q, dim) inside cells, a matrix (n_u, dim q), and the cell of each point.
 
-    ``matrix @ f(points).ravel()`` is the nodal load of a force f per area, in space per volume; exact for f of degree 2
-    in (x, y), 1 in (r, z) and in space.
+    ``matrix @ f(points).ravel()`` is the nodal load of a force f per area, in space per volume. It is exact for f of
+    degree 2 in the plane, and of degree 1 in space and in bodies of revolution.
     """
     points, matrices, cells = [], [], []
     for group in space.groups:
@@ -143,9 +137,9 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
-    """Return the weights of nodal values in the integrals of Pi u (n_nodes,) and of its gradient (n_nodes, dim).
+    """Return w (n_nodes,) and g (n_nodes, dim) with int Pi u = w'u and int grad Pi u = g'u for nodal values u.
 
-    The integrals are over the cells that are True in `some`. Over a cell K, int Pi u is |K| times Pi u at the centroid.
+    The integrals are over the cells that are True in `some`.
     """
     mesh = space.mesh
     cells, gradient = np.flatnonzero(some), np.zeros(mesh.points.shape)
@@ -188,7 +182,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
 
 def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
-    """Return the load matrix (n_u, dim q): node nodes[k, i] bears the fraction shares[k, i] of the force at point k."""
+    """Return the load matrix (n_u, dim q): node ``nodes[k, i]`` bears the fraction ``shares[k, i]`` of force k."""
     (q, n), dim = nodes.shape, space.dim
     rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
     values = np.repeat(shares[:, None, :], dim, axis=1)
@@ -199,8 +193,8 @@ def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
     """Return the mean strain (n_cells, components) of a displacement, given as a function of points (q, dim).
 
-    In the energy projection P^h u_0, (2.11) of the paper, |K| C eps_K : eps(Pi v) replaces a_K(u_0, v), with the mean
-    strain eps_K of u_0; the difference is O(h) for u_0 in H^2, and zero for linear u_0.
+    In the energy projection P^h u_0, (2.11) of the paper, we replace a_K(u_0, v) by |K| C eps_K : eps(Pi v) with the
+    mean strain eps_K of u_0. The difference is O(h) for u_0 in H^2, and zero for linear u_0.
     """
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):

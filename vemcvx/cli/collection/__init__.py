@@ -1,4 +1,4 @@
-"""`vemcvx collection`: graded instances from the problem files, with certified optima and a script to confirm these."""
+"""`vemcvx collection`: programs from the problem files, with certified optima and a script that confirms the optima."""
 
 from vemcvx.cli.collection.writing import INSTANCES, Collection, CollectionInstance, write_collection
 

@@ -1,10 +1,9 @@
-"""`vemcvx benchmark`: compare solvers on a collection at equal true accuracy, whatever their tolerances mean.
+"""`vemcvx benchmark`: compare the times that solvers need on a collection for the same true error.
 
 A trial is a run of a solver with one of many tolerances. The true error of its answer d is |d - d*|_K / |d*|_K; d* is
 the certified optimum of the file, and |.|_K the energy norm. The time of a solver to an error E is the time of its
 *cheapest* trial with a true error of at most E. Mean times are shifted geometric means exp(mean log(t + s)) - s with
-s = .01 seconds. The picture has performance profiles (Dolan and Moré 2002). Seconds are processor time, the shortest of
-up to five calls.
+s = .01 seconds. Performance profiles are from Dolan and Moré 2002.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 
 ERRORS = 1e-3, 1e-6, 1e-9  # The relative errors in energy norm at which solvers are compared.
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
-"""Outcomes of a trial: unfinished; an answer of any accuracy; no answer; time limit exceeded; program not accepted."""
+"""Outcomes of a trial. An answer may have any accuracy; a solver refuses a program that it does not accept."""
 PLANE, DISCS, NO_OPTIMUM, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
@@ -66,10 +65,10 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver in cvxpy -> (names of its tolerances, largest number of iterations, smallest accepted tolerance). The time
-limit ends a trial before this number is reached. Other solvers in cvxpy run once, with default settings."""
-PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Solver in cvxpy -> its package, if the two names differ.
-REPEATS, LONG_ENOUGH = 5, 0.1  # Largest number of calls in a trial, and seconds after which no further call begins.
+"""Names of tolerances, largest number of iterations, and smallest accepted tolerance of solvers in cvxpy.
+The time limit ends a trial before the largest number of iterations. Other solvers run once, with default settings."""
+PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Packages whose names differ from cvxpy's names.
+REPEATS, LONG_ENOUGH = 5, 0.1  # The shortest of up to 5 calls counts; no further call begins after .1 seconds.
 BATCH = 10  # Number of instances for which one process runs a solver.
 MEAN_SHIFT = 0.01  # Shift of the geometric mean, in seconds.
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.txt", "profiles.png"
@@ -119,7 +118,7 @@ Row = Mapping[str, Any]  # The entry of an instance in the manifest.
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
-    """Return the instances of a collection; with `only`, those whose grade or name has one of these words."""
+    """Return the instances of a collection; the words in `only` select grades and names."""
     path = folder / MANIFEST
     try:
         rows: Sequence[Row] = json.loads(path.read_text(encoding="utf-8"))["instances"]
@@ -150,7 +149,7 @@ class Trial:
     """The result of a solver with one tolerance on one instance."""
 
     instance: str
-    tolerance: float | None = None  # None if the solver has none
+    tolerance: float | None = None  # None if the solver has no tolerances
     outcome: str = BEGUN
     seconds: float | None = None
     true: float | None = None
@@ -160,21 +159,21 @@ class Trial:
 
     @property
     def is_enough(self) -> bool:
-        """True if no tighter tolerance is needed."""
+        """True if the answer is so accurate that no tighter tolerance is tried."""
         if self.true is None or self.certified is None:
             return False
         return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
-Ladder = Sequence[float | None]  # Tolerances of a solver, from loose to tight; None if the solver has none.
+Ladder = Sequence[float | None]  # Tolerances from loose to tight; a single None for a solver without tolerances.
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
-"""The label of a solver -> the name of an instance -> its trials."""
+"""Trials by label of the solver, then by name of the instance."""
 
 
 def run_trials(
     typed: str, folder: Path, instances: Sequence[Row], tolerances: Sequence[float], limit: float
 ) -> Iterator[Trial]:
-    """Yield the trials of a solver; a new process begins after BATCH instances, and after a late or crashed trial."""
+    """Yield the trials of a solver, which runs in other processes with a time limit."""
     spawn, names = get_context("spawn"), [one["name"] for one in instances]
     while names:
         here, there = spawn.Pipe(duplex=False)
@@ -205,7 +204,7 @@ def run_trials(
 def try_all(
     pipe: Connection, typed: str, folder: Path, names: Sequence[str], tolerances: Sequence[float], limit: float
 ) -> None:
-    """Try a solver on instances in this process; send each trial, and the seconds until the next message is due."""
+    """Try a solver on instances in this process; send each trial with a time limit for the next message."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
     use_one_thread()
     solver = make_solver(typed, None, "--solvers")
@@ -230,9 +229,9 @@ def try_all(
 
 
 Memory = dict[str, Any]
-"""Data of one step of a sequence for the warm start of the next step; empty before the first step."""
+"""Data that a solver keeps from one step of a sequence for a warm start of the next step."""
 Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
-"""A function of a tolerance and the memory; returns seconds, the answer or None, and the status of the solver."""
+"""A function of a tolerance and the memory, which returns seconds, an answer if there is one, and a status."""
 
 
 def name_solver(typed: str) -> str:
@@ -306,17 +305,17 @@ def _call_own(prepared: Prepared, program: StepProgram, unit: float) -> Call:
 
 
 def _unit(programs: Sequence[StepProgram]) -> float:
-    """Return the largest |d*|_K; 1 if it is zero, or if no optimum d* is known."""
+    """Return the largest energy norm of the known optima, or 1 if all norms are zero."""
     return max((program.norm for program in programs if isinstance(program, SolvedProgram)), default=0.0) or 1.0
 
 
 def measure(
     calls: Sequence[Call], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
-    """Return the fields of a trial: seconds and iterations of all steps together, and the largest errors of a step."""
+    """Return the fields of a trial: total seconds and iterations, and the largest errors of all steps."""
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
-    with name_failures("of this trial"), quietly():  # The status of a library replaces its warnings.
+    with name_failures("of this trial"), quietly():
         for call, program in zip(calls, programs, strict=True):
             begun = time.perf_counter()
             seconds, answer, reported = call(tolerance, memory)
@@ -327,7 +326,7 @@ def measure(
             taken += seconds
             iterations += 0 if answer is None else answer.iterations
             stated = reported.lower().removesuffix("_inaccurate")
-            # A program without optimum is judged by its status; a wrong status is an infinite error.
+            # If a program has no optimum, the status is judged. A wrong status counts as an infinite error.
             if status or stated in (INFEASIBLE, UNBOUNDED):
                 errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
             elif answer is None or not np.isfinite(answer.d).all():
@@ -340,7 +339,6 @@ def measure(
 
 
 def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, float]:
-    """Return the true and the certified error of an answer, relative to `unit`."""
     assert isinstance(program, SolvedProgram)
     certificate = program.certify(answer.d, answer.lam, answer.p)
     true = program.operators.energy_norm(answer.d - program.answer.d)
@@ -367,14 +365,15 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept a valid instance, and the valid instances that all these solvers accept."""
+    """Return the solvers that accept some instance of a kind, and the instances that all these solvers accept."""
+    # Only optima that are certified to a tenth of the error count.
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}
     return some, [name for name in names if some and all(is_accepted(own, name) for own in some.values())]
 
 
 def geometric_mean(seconds: Sequence[float], limit: float) -> float:
-    """Return the shifted geometric mean; seconds beyond the limit count as the limit. NaN without instances."""
+    """Return the shifted geometric mean, or NaN of no numbers; seconds beyond the limit count as the limit."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
@@ -389,11 +388,11 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> str:
             count = sum(kind_of(one) == kind for one in instances)
             text += f"{title}: {count} instances\n{score_table(entries, instances, kind, limit).text()}\n\n"
     return text + (
-        'Columns "to": instances solved to this error / instances that the solver accepts and whose optimum is '
-        'certified to a tenth of this error. Columns "s to": processor time with the cheapest tolerance, as a shifted '
-        "geometric mean over the instances that all solvers of the table accept; an unsolved instance counts as "
-        f'{limit:g} s. Column "sure": instances with a certified error, rounding included, of at most {ERRORS[1]:g}. '
-        'Columns "miss", "fail", "late": instances not solved to it. Without optimum, only the status is judged.'
+        'Columns "to" count the instances solved to this error. The number after the slash counts accepted instances '
+        'with an optimum certified to a tenth of this error. Columns "s to" have the shifted geometric mean of '
+        "processor times with the cheapest tolerance, over the instances that all solvers accept; an unsolved instance "
+        f'counts as {limit:g} s. Column "sure" counts instances with a certified error of at most {ERRORS[1]:g}. '
+        f'Columns "miss", "fail" and "late" count instances not solved to {ERRORS[1]:g}: larger error, no answer, late.'
     )
 
 
@@ -419,7 +418,7 @@ def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: fl
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """Return label -> the seconds on each instance relative to the fastest solver; infinite for unsolved instances."""
+    """Return the seconds of each solver on each instance, relative to the fastest solver; infinite if unsolved."""
     tick = time.get_clock_info("process_time").resolution  # A coarse clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()

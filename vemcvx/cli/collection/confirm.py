@@ -6,14 +6,14 @@ The script needs numpy, scipy and clarabel only. An instance is a program, or a 
 
     minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e.
 
-If c_j > 0, the term (D_j d - e_j)_+^2 / (2 c_j) replaces the limit D_j d <= e_j. If d_1 and d_2 are two answers to one
-program, with duality gaps gap_1 and gap_2, then, with |d|_K = (d'Kd)^(1/2),
+If c_j > 0, limit j is soft: the term max(D_j d - e_j, 0)^2 / (2 c_j) replaces D_j d <= e_j. Let |d|_K = (d'Kd)^(1/2).
+Two answers d_1 and d_2 with objectives v_1 and v_2 and duality gaps gap_1 and gap_2 satisfy
 
-    |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2).
+    |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),     v_i - gap_i <= minimum <= v_i.
 
-If v is the objective at an answer, the minimum is in the interval [v - gap, v]. The script computes the gaps from
-the numbers in the file, and tests both statements in every step. An instance without optimum has a vector as its proof:
-p >= 0 with D'p = 0 and e'p < 0 (infeasible), or d with K d = 0, D d <= 0 and g'd > sum w_i |B_i d| (unbounded).
+The script computes the gaps from the numbers in the file, and tests these inequalities in every step. If no optimum
+exists, a vector proves it. For an infeasible program it is p >= 0 with D'p = 0 and e'p < 0. For an unbounded program it
+is d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Program:
         self.solve: Callable[[Any], Any] = la.pinvh(self.K.toarray()).dot if self.N.size else splu(self.K).solve
 
     def steps(self) -> list[Program]:
-        """Return the programs of a sequence, whose vectors have one row per step; a single program is a list of one."""
+        """Return the programs of the steps. The vectors of a sequence have one row per step."""
         if self.g.ndim == 1:
             return [self]
         every = [copy.copy(self) for _ in self.g]
@@ -67,7 +67,7 @@ class Program:
         return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
 
     def feasible(self, d: Any) -> Any:
-        """Return d clipped to the hard limits, each of which bounds a single unknown."""
+        """Return d clipped to the hard limits (c_j = 0). Each hard limit bounds a single unknown."""
         d, D = d.copy(), sp.csr_matrix(self.D)
         for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
             d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
@@ -90,15 +90,15 @@ class Program:
         floor = 0.5 * EPS**2 * abs(size @ abs(self.solve(size)))
         floor += EPS * float((abs(self.B) @ abs(d) + abs(self.b)) @ np.repeat(self.w, self.block))
         floor += EPS * float((abs(self.D) @ abs(d) + abs(self.e)) @ p)
-        # Unbalanced forces do work on motions in the kernel.
+        # Rounding of r does work on motions in the kernel.
         floor += float(abs(self.N.T @ r) @ abs(self.N.T @ d))
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
     def run_clarabel(self) -> tuple[Any, Any, Any]:
         """Solve by Clarabel, and return d, lam and p.
 
-        The unknowns are (d, t, s), where t_i >= |B_i d - b_i|, D d - c s <= e, and s holds forces of soft limits. An
-        absolute value becomes two inequalities, which are more accurate than a cone.
+        The unknowns are d, the bounds t_i >= |B_i d - b_i|, and the forces s of soft limits, with D d - c s <= e. An
+        absolute value becomes two inequalities, because a cone is less accurate.
         """
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]

@@ -1,4 +1,4 @@
-"""Families of plane meshes whose cells follow a grid, or circles and rays about a centre."""
+"""Plane meshes on grids, and on circles and rays about a centre."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with equal squares. Other families have the same parameters, errors and names of sides.
+    """Return a mesh of a box with equal squares.
 
     Parameters
     ----------
     n : int or (int, int)
-        Number of cells along the shortest side of the box; the number along the other side makes cells nearly square.
-        Or the numbers of cells along x and y.
+        Number of cells along the shortest side of the box; cells are nearly square. A pair has the numbers of cells
+        along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
@@ -45,14 +45,12 @@ def squares(
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary"; in the unit square
-        h = sqrt(2) / n.
+        Nodes and cells row by row. Meshes of boxes have the boundaries "left", "right", "bottom", "top" and "boundary".
 
     Raises
     ------
     MeshError
-        n or size is not positive, or both or neither are given; box is not a rectangle; seed is not a whole number; or
-        there would be too many cells.
+        Neither n nor size is given, or both are; an argument is invalid; there would be too many cells.
 
     Examples
     --------
@@ -74,7 +72,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of the marked points; rows (n_cells, k) list the points of cells, with -1 and unmarked points."""
+    """Return the mesh of the marked points. Each row has the points of a cell; -1 and unmarked points are left out."""
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
@@ -107,7 +105,7 @@ def triangles(
 
 
 HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
-"""Width w of a regular hexagon of area w^2 sqrt(3)/2 = 1, so that there are as many hexagons as squares."""
+"""Width w of a regular hexagon with the area w^2 sqrt(3) / 2 = 1."""
 
 
 def hexagons(
@@ -132,15 +130,15 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines separate the rows of cells. A line is a third of a row high, with two nodes per width of a cell.
-    # If k + i is even, an upright edge joins node i of line k (high) to node i of line k + 1 (low).
+    # Zigzag lines separate the rows of cells. A line has two nodes per cell, alternately high and low. Node i of line k
+    # is high if k + i is even; then an upright edge joins it to node i of line k + 1.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
     present = np.where(line == 0, high, np.where(line == rows, ~high, True)) | ends
     zigzag = np.where(flat, 0.0, np.where(high, 1.0, -1.0)) * (rectangle.lengths[1] / rows / 6.0)
     points = np.column_stack([x[half.ravel()], y[line.ravel()] + zigzag.ravel()])
-    # A cell between two upright edges has at most three vertices on the line below, and three on the line above.
+    # A cell has up to three vertices on the line below, and up to three on the line above.
     row, middle = np.nonzero(~high[:-1])
     across = middle[:, None] + np.array([-1, 0, 1])
     below, above = (across + (2 * columns + 1) * (row + k)[:, None] for k in (0, 1))
@@ -229,7 +227,7 @@ def nonconvex(
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # two nodes per edge, horizontal edges first: left of the edge at 1/3 of its length, right of it at 2/3
+    # Each edge has two more nodes, at 1/3 and 2/3 of its length, on its two sides. Horizontal edges come first.
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, ZIGZAG], [2 / 3, -ZIGZAG]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-ZIGZAG, 1 / 3], [ZIGZAG, 2 / 3]]) * pitch
@@ -269,8 +267,7 @@ def l_shape(
     Returns
     -------
     PolygonMesh
-        Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right" and "inner_top". The last
-        two meet in the re-entrant corner.
+        Boundaries "left", "bottom", "right" (lower half), "top" (left half), "inner_right" and "inner_top".
 
     Examples
     --------
@@ -291,8 +288,6 @@ def l_shape(
 
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
     """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
-
-    A full circle of radius r becomes a polygon with s sides, which are at most r (1 - cos(pi / s)) inside the circle.
 
     Parameters
     ----------
@@ -340,7 +335,6 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
 
 
 def _increasing(given: ArrayLike, what: str, least: float, most: float) -> Floats:
-    """Return increasing numbers from `least` to `most`, at least two, or raise MeshError."""
     numbers = plain(given)
     if numbers is not None and numbers.ndim == 1 and len(numbers) > 1 and numbers.dtype.kind in "iuf":
         x = numbers.astype(float)

@@ -1,4 +1,4 @@
-"""Nastran files: we convert the text to one card per line, with commas between fields, and meshio reads the result.
+"""Nastran files, which we rewrite for meshio: one card per line, with commas between fields.
 
 The elements of each property form a set, named by the number of the property.
 """
@@ -56,7 +56,6 @@ def read_nastran(path: Path) -> Grid:
 
 
 def _cards(text: str) -> list[list[str]]:
-    """Return the cards of the bulk data: names and fields, without continuation marks."""
     bulk = re.split(r"^\s*BEGIN\s+BULK.*$", text, maxsplit=1, flags=re.MULTILINE)[-1]
     cards: list[list[str]] = []
     for raw in re.split(r"^ENDDATA", bulk, maxsplit=1, flags=re.MULTILINE)[0].splitlines():

@@ -12,8 +12,7 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-KINDS = "biufcU"
-"""NumPy's letters for booleans, numbers and strings."""
+KINDS = "biufcU"  # NumPy's letters for booleans, numbers and strings
 
 
 def read_arrays(path: Path) -> Arrays:
@@ -29,7 +28,7 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """Return a record whose fields are the arrays of the same names; "a.b" is the field b of an inner record a.
+    """Return a record of class `kind` from arrays with the names of its fields; "a.b" is the field b of a record a.
 
     Fields in `known` have the values given there. Raise KeyError if a field that cannot be None is missing.
     """

@@ -33,7 +33,7 @@ class MeshError(VemcvxError):
 
 
 class MeshWarning(UserWarning):
-    """The mesh was corrected: cells or faces were reversed, or unused nodes, inner lines or faces were dropped."""
+    """The mesh was corrected: cells or faces were reversed; unused nodes, inner lines or inner faces were dropped."""
 
 
 class SceneError(VemcvxError):
@@ -44,7 +44,7 @@ class SceneWarning(UserWarning):
     """The scene has a solution that may not be the intended one."""
 
 
-WARNING_FRACTION = 0.05  # A warning is issued above this relative deviation, or above this principal strain.
+WARNING_FRACTION = 0.05  # Larger principal strains, or relative jumps of an initial state, cause a warning.
 
 
 class NotAccepted(VemcvxError):

@@ -4,9 +4,10 @@ Let c be the centre and x_i the vertices. A fan triangle is the image x = c + B 
 (1,0), (0,1), where B has the columns x_i - c and x_{i+1} - c. The map takes centroids to centroids. Fields on the three
 parts are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
 
-A body force is linear in each cell: f = (1, x, y) a with six coefficients a, and x, y relative to the fan's centre. f
-enters a triangle as F_k = int f lambda_k, with barycentric coordinates lambda_k. When inner unknowns are condensed, a
-cell with n vertices keeps a symmetric matrix (its *form*), with 4 n rows for its outline and 6 rows for f.
+A body force is linear in each cell: f = a_0 + x a_1 + y a_2 with three vectors a_k, and x, y relative to the centre. A
+triangle with the barycentric coordinates lambda_k bears the forces F_k = int f lambda_k. Unknowns inside a cell are
+condensed. The remaining symmetric matrix of a cell with n vertices, its *form*, has 4 n rows for unknowns on the
+outline, and 6 rows for f.
 """
 
 from __future__ import annotations
@@ -23,18 +24,14 @@ from vemcvx.meshes.polygons import RADON_POINTS, RADON_WEIGHTS, cross, polygon_c
 from vemcvx.vem import Space
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
-"""The corners (3, 3) of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
-FORCES = 6
-"""Number of coefficients of a linear body force in a cell."""
+PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])  # corners of each part; number 3 is the centroid
+FORCES = 6  # coefficients of a linear body force in a cell
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return the positions of distinct cells, and the number (c,) of each cell among them, given arrays (c, ...).
-
-    If more than 32 of the first 64 cells are distinct, all cells count as distinct.
-    """
+    """Return the index of one cell of each kind, and the kind (c,) of each cell: cells of a kind have equal arrays."""
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
+    # If most of the first cells differ, each cell is a kind of its own.
     if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), np.arange(len(rows))
     _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
@@ -72,30 +69,25 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 class Fans:
     """The fans of cells with equally many vertices: c cells of n triangles each."""
 
-    cells: Ints
-    """(c,) cell numbers"""
-    nodes: Ints
-    """(c, n) vertices"""
-    corners: Floats
-    """(c, n, 2) relative to the centre of the fan"""
-    centres: Floats
-    """(c, 2)"""
-    C: Floats
-    """(c, 3, 3) elastic matrices for strains (e_xx, e_yy, 2 e_xy)"""
+    cells: Ints  # (c,) cell numbers
+    nodes: Ints  # (c, n) vertices
+    corners: Floats  # (c, n, 2) relative to the centre of the fan
+    centres: Floats  # (c, 2)
+    C: Floats  # (c, 3, 3) elastic matrices for strains (e_xx, e_yy, 2 e_xy)
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """The representatives of the cells up to translation, and the number of the representative of each cell."""
+        """One cell of each shape, and the shape (c,) of each cell; cells of a shape have equal corners and C."""
         return distinct([self.corners, self.C])
 
     def expand(self, matrices: Floats) -> Floats:
-        """Return the matrices (c, ...) of the cells, given the matrices (k, ...) of the shapes."""
+        """Return the matrices (c, ...) of the cells, given the matrices (k, ...) of the k shapes."""
         some, same = self.alike
         return matrices if isinstance(some, slice) and some == slice(None) else matrices[same]
 
     @property
     def shapes(self) -> Fans:
-        """The fans of the representatives, called shapes."""
+        """The fans of one cell of each shape."""
         rows = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
@@ -150,7 +142,7 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The mean gradients (c, 2 n, 2) in cells of the quadratic Lagrange function of each outline point."""
+        """The mean gradients, over each cell, of the quadratic Lagrange functions of outline points: (c, 2 n, 2)."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         return np.asarray(np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None]))
 
@@ -166,7 +158,7 @@ class Fans:
 
 def condense(M: Floats, first: int) -> Floats:
     """Condense the first unknowns of symmetric matrices (..., m, m): return their Schur complements."""
-    # Solve instead of multiplying by inverses, which lost all but five digits at lambda = 1e6.
+    # Inverses in place of this solve leave only five digits near nu = 1/2.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     return np.asarray(0.5 * (left + left.swapaxes(-1, -2)))
@@ -175,7 +167,7 @@ def condense(M: Floats, first: int) -> Floats:
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
     """Return the matrices (k, 4 n + 6, 4 n + 6) of cells, given the matrices (k, n, 18, 18) of triangles.
 
-    `slots` (n, 12) are positions of triangle unknowns in the vector of cell unknowns, which begins with inner unknowns.
+    The vector of a cell begins with inner unknowns; `slots` (n, 12) are the positions of each triangle's unknowns.
     """
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
@@ -189,7 +181,7 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """Return sums (size,) of values: each chunk of cells has values (c, m) and their positions (c, m) in the result."""
+    """Add the values (c, m) of each chunk of cells at places (c, m) of a zero vector (size,), and return the vector."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 
@@ -211,8 +203,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     return tuple(found)
 
 
-SHORTEST_EDGE = 1e-3
-"""Smallest length of an edge relative to the radius of its cell; shorter edges are refused."""
+SHORTEST_EDGE = 1e-3  # smallest accepted length of an edge, relative to the radius of its cell
 
 
 def _refuse_cells(fans: Fans) -> None:

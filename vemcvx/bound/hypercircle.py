@@ -1,27 +1,29 @@
-"""The hypercircle: an admissible displacement and an admissible stress, with a bound on the distance to the exact ones.
+"""The hypercircle: an admissible displacement v and an admissible stress tau, with bounds on the error of v.
 
-The theorems are 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)), with
+See Theorems 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)). There
 
-    j(v) = int (g |v_t - d| + phi(v_n - gap)),
+    j(v) = int (g |v_t - d| + phi(v_n - gap))
 
-with the friction bound g, and the slip v_t - d in the step. For a rigid obstacle, phi(z) is zero up to z = 0, and
-infinite beyond; for a compliant obstacle, phi(z) = k z_+^2 / 2. For the defect b see :mod:`.surface`. The stress
-tau is due to edge motions m (:mod:`.equilibrium`).
+with the friction bound g, the slip v_t - d in the step, and the energy phi of obstacles. For compliant obstacles,
+phi(z) = k z_+^2 / 2; for rigid ones, phi is 0 for z <= 0 and infinite beyond. :mod:`.surface` computes the defect b in
+these laws. Edge motions m determine tau (:mod:`.equilibrium`).
 
-**The defect r.** Let L v be the edge motions on which linear tractions do the same work as on v (`to_edges`). In a cell
-let x = m - L v, let y be the outline of v minus a linear displacement, and f the coefficients of the body force. With
-the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displacement`), and with L (y, f) = (L y, f),
+**The defect** is r = tau - sigma_0 - C eps(v). The matrix L (`to_edges`) maps v to edge motions: every linear traction
+does the same work on v and on L v. In a cell K, let x = m - L v, and let f be the coefficients of the body force. Let y
+be the outline of v minus the outline of a linear displacement with the same mean strain. With the forms G of stresses
+(:mod:`.stress`) and S of displacements (:mod:`.displacement`)
 
-    |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f).
+    |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f),        L (y, f) := (L y, f).
 
 *Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
-r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the same work on L v as on v, and the stress due
-to f alone has least energy. So tau_x and r_0 are orthogonal. A linear part of v does not change r_0. So |r_0|^2 =
-|tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
+r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same work
+on L v. The latter is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So (tau_x, C^-1 r_0) = 0. If y
+replaces v, r_0 does not change. Moreover |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is the
+work of f and of the tractions of tau_0 on v.
 
-**The lower bound** is R(w) / |w| with the residual R of v. We use displacements w that are quadratic on edges, have
-least energy inside cells, and vanish on supports and on edges with friction, obstacles or bonds. The best w
-solves S w = R, and |w| = R(w) / |w|. The sum v + w is called richer.
+**The lower bound** is R(w) / |w| with the residual R of Theorem 2. We use displacements w that are quadratic on edges,
+have least energy inside cells, and vanish on supports and on edges with friction, obstacles or bonds. For the best w,
+a(w, z) = R(z) for all such z, so that R(w) / |w| = |w|. The displacement v + w is called *richer*.
 """
 
 from __future__ import annotations
@@ -50,15 +52,12 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms (k, 4 n + 6, 4 n + 6) of the k shapes of a chunk of cells, for outline and body force."""
+    """The forms (k, 4 n + 6, 4 n + 6) of the k shapes of a chunk of cells, in a mesh with E edges."""
 
     fans: Fans
-    outlines: Ints
-    """(c, 4 n) positions of vertices and middles of edges in the vector (2 nodes + 2 E,) of the mesh"""
-    stress: Floats
-    """G, for motions of edges"""
-    displacement: Floats
-    """S, for values at vertices and middles"""
+    outlines: Ints  # (c, 4 n) positions of values at vertices and middles of edges in the vector (2 nodes + 2 E,)
+    stress: Floats  # G, for edge motions and body force
+    displacement: Floats  # S, for values at vertices and middles, and body force
 
     @cached_property
     def defect(self) -> Floats:
@@ -69,7 +68,7 @@ class Forms:
         return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """Return the values (c,) of forms for vectors (c, m) of cells."""
+        """Return one . M other, (c,), for vectors (c, m) of cells, and the matrices M (k, m, m) of shapes."""
         return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 
@@ -77,12 +76,9 @@ class Forms:
 class Defect:
     """The defect r of a displacement and a stress; r is linear in the three attributes."""
 
-    motion: Floats
-    """(4 E,) x"""
-    outline: Floats
-    """(2 nodes + 2 E,) v at vertices and at middles of edges"""
-    body: Floats
-    """(n_cells, 6) f"""
+    motion: Floats  # (4 E,) x
+    outline: Floats  # (2 nodes + 2 E,) v at vertices and at middles of edges
+    body: Floats  # (n_cells, 6) f
 
     def __sub__(self, other: Defect) -> Defect:
         return Defect(self.motion - other.motion, self.outline - other.outline, self.body - other.body)
@@ -94,23 +90,16 @@ class Pair:
 
     circle: Hypercircle
     t: float
-    u: Floats
-    """(n_nodes, 2) nodal values of v"""
+    u: Floats  # (n_nodes, 2) nodal values of v
     surface: Surface
     read: Reading
-    prestress: Floats
-    """(n_cells, 3) sigma_0"""
+    prestress: Floats  # (n_cells, 3) sigma_0
     defect: Defect
-    w: Floats
-    """(2 nodes + 2 E,) w at vertices and at middles of edges"""
-    cells: Floats
-    """(n_cells,) |r|_K^2"""
-    potential: float
-    """J(v)"""
-    norm: float
-    """|v|_a"""
-    lower: float
-    """lower bound of |u - v|_a"""
+    w: Floats  # (2 nodes + 2 E,) w at vertices and at middles of edges
+    cells: Floats  # (n_cells,) |r|_K^2
+    potential: float  # J(v)
+    norm: float  # |v|_a
+    lower: float  # lower bound of |u - v|_a
 
     @cached_property
     def richer(self) -> Defect:
@@ -124,11 +113,11 @@ class Pair:
         return float(self.circle.squares(self.richer).sum())
 
     def work_of(self, load: Pair) -> float:
-        """Return the work that the loads and the prestress of the pair `load` do on v + w."""
+        """Return the work on v + w that the loads and the prestress of another pair do."""
         return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.prestress, self.richer)
 
     def work(self, forces: Floats, body: Floats) -> float:
-        """Return the work on v + w of `forces` (b, 2, 2) at both ends of edges and of body forces (n_cells, 6)."""
+        """Return the work on v + w of body forces (n_cells, 6), and of `forces` (b, 2, 2) at ends of boundary edges."""
         on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 
@@ -156,10 +145,8 @@ class Hypercircle:
     boundary: Boundary
     forms: tuple[Forms, ...]
     equilibrium: Equilibrium
-    free: sp.csr_matrix
-    """(2 nodes + 2 E, m) orthonormal columns that span the admissible w"""
-    factor: Factor | None
-    """factor of S on these columns, if there are any"""
+    free: sp.csr_matrix  # (2 nodes + 2 E, m) orthonormal basis of the displacements w
+    factor: Factor | None  # factor of S in this basis; None if it is empty
 
     def pair(self, now: Instant, before: Instant) -> Pair:
         """Return the pair of an admissible displacement at the end of a step, or raise SceneError."""
@@ -207,19 +194,19 @@ class Hypercircle:
         )
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return forces (2 nodes + 2 E,) on outlines that do the same work as `forces` (b, 2, 2) at ends of edges."""
+        """Return forces (2 nodes + 2 E,) at vertices and middles, equivalent to `forces` (b, 2, 2) on outer edges."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return forces on edges (4 E,) due to L v, f, prestress, and forces on outlines due to v, f, prestress."""
+        """Return forces on edges (4 E,) due to L v, and on outlines due to v; both include f and the prestress."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
             stress = np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + prestress[one.fans.cells]
-            # Both ends of an edge bear half of the force of the constant stress.
+            # Each end of an edge bears half of the force of the constant stress.
             half = np.matmul(one.fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
             even = np.repeat(half[:, :, None], 2, axis=2).reshape(-1, n)
             tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([bent @ L.T, f], axis=1)))
@@ -235,7 +222,7 @@ class Hypercircle:
         left = self.free.T @ residual
         part = self.factor.solve(left)
         w, work = self.free @ part, float(left @ part)
-        # Use the computed energy of w, because near nu = 1/2 the solution has rounding errors.
+        # Compute the energy, which equals `work` up to rounding errors of `part`: they are large near nu = 1/2.
         energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 
@@ -247,7 +234,7 @@ class Hypercircle:
         return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], bent_v, bent_w)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
-        """Return (n_cells,) products a(v, v') of two displacements, and (r, C^-1 r') of their defects."""
+        """Return a(v, v') and (r, C^-1 r') in each cell: `one` is the defect r of v, `other` the defect r' of v'."""
         energies, defects = np.zeros((2, len(self.boundary.edges.mesh.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n
@@ -315,7 +302,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
 
 
 def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
-    """Return the positions (c, 4 n) of vertices and middles of a chunk, given positions (c, 4 n) of edge motions."""
+    """Return `Forms.outlines`, given the positions (c, 4 n) of edge motions, and the position of the first middle."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
     return np.asarray((2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1))

@@ -1,23 +1,23 @@
 """Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
 
 On a triangle split at its centroid, consider symmetric stresses that are linear on the three parts, with continuous
-tractions across inner edges. They are determined by the linear tractions on the three edges (12 numbers) and the
-divergences on the parts (6), in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Because of
+tractions across inner edges. The linear tractions on the three edges (12 numbers) and the divergences on the parts (6)
+determine the stress; they must be in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). The stresses are
+computed on the reference triangle, marked by ^, and mapped to the others with the matrix B of :mod:`.fan`:
 
-    tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B       (B: see :mod:`.fan`)
+    tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B.
 
-one reference triangle (marked by ^) serves all. A linear traction t is given by int t phi, with the linear function
-phi of each end of the edge, and a body force f by F_k = int f lambda_k. f is split into a force that is constant on
-each part, with the same F_k, and a rest. The stress due to the rest has degree 2, and no tractions on edges.
+A linear traction t is given by int t phi for both ends of an edge; phi is linear, 1 at this end and 0 at the other end.
+A linear body force f is given by F_k = int f lambda_k, and split in two. The first force is constant on each part, with
+the same F_k. The stress due to the second force has degree 2, and no tractions on edges.
 
-Let m be edge motions, linear on each edge. Among the stresses of a triangle in balance with its body force, the
-maximiser of
+Let m be edge motions, linear on each edge. A triangle has a stress that maximises
 
-    sum over edges  int tau n . m  -  |tau|^2 / 2 in C^-1
+    sum over edges  int tau n . m  -  (tau, C^-1 tau) / 2
 
-is linear in m and F, and the maximum is half a quadratic form of m and F. The derivatives of the maximum by m are the
-tractions. For m = 0, the form is -|tau|^2. Spokes are the edges at the centre of a fan. If the sum of the forms of the
-triangles is stationary in a spoke's motions, the tractions on the spoke cancel. So these motions are condensed.
+among the stresses in balance with f. It is linear in m and F. The maximum is half a quadratic form of m and F, and its
+derivatives by m are the tractions. Spokes are the edges at the centre of a fan. Their motions are condensed: the sum of
+the two triangles' forms is stationary in the motions of a spoke, so that the tractions on the spoke cancel.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix (2 q, 54) from tau at all stations to tau n at points (q, 2); without `n`, to div tau."""
+    """Return the matrix (2 q, 54) from tau at stations to tau n at points (q, 2), or to div tau if `n` is None."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -53,7 +53,7 @@ def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
 
 
 def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
-    """Return rows for outer tractions, jumps across inner edges, and divergences, at `count` points per edge."""
+    """Return matrices (j, 54): tractions on outer edges, jumps on inner edges (at `count` points each), and div tau."""
     outer, jumps, inside = [], [], []
     centre = CORNERS.mean(axis=0)
     for k in range(3):
@@ -68,9 +68,9 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
 
 @cache
 def reference() -> Floats:
-    """Return the matrix (54, 18) from tractions (12) and forces (6) to stresses at stations of the reference triangle.
+    """Return the matrix (54, 18) from tractions and forces to stresses at stations of the reference triangle.
 
-    Tractions are int tau n phi at both ends of the edges from corner k to corner k + 1, forces are int f lambda_k.
+    The first 12 columns are for int tau n phi, at both ends of the edges from corner k to corner k + 1; 6 are for F_k.
     """
     outer, jumps, inside = _conditions(2)
     middles = np.zeros((3, 3, 3, 3, 6, 3))
@@ -78,7 +78,7 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # With b = int t phi at one end of an edge, and b' at the other end, |e| t = 4 b - 2 b' at the first end.
+    # If the integrals int t phi of the two ends of an edge are b and b', |e| t is 4 b - 2 b' and 4 b' - 2 b there.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
@@ -94,7 +94,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """Return the stresses (54, j) of degree 2 and least mean square that satisfy the conditions with these data."""
+    """Return the stresses (54, j) for which `_conditions` are `data`: of degree 2, with the least mean square."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
@@ -110,7 +110,7 @@ def _piola(B: Floats) -> Floats:
 
 @cache
 def _balance_data() -> Floats:
-    """Return balanced data (18, 15) of the reference triangle: 9 columns of tractions only, 6 with one force each."""
+    """Return tractions and forces (18, 15) in balance: 9 columns without forces, then one column for each force."""
     ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
     x = np.concatenate([ends, CORNERS])
     rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
@@ -122,7 +122,7 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return integrals (9, 225) of products of two components, for each pair of the 15 stresses of `_balance_data`."""
+    """Return the integrals (9, 225) of products of two components of two stresses, due to `_balance_data`."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
@@ -149,10 +149,8 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of edge motions of triangles in a cell's vector: 4 n of spokes, then 4 n of edges.
-
-    Spoke i is directed from the centre to vertex i; edge 2 of a triangle is directed from the vertex to the centre.
-    """
+    """Return the positions (n, 12) of triangles' edge motions in a cell's vector: 4 n of spokes, then 4 n of edges."""
+    # The last edge of a triangle is the next spoke, with its ends exchanged.
     t = np.arange(n)[:, None]
     after = 4 * ((t + 1) % n)
     return np.concatenate([4 * t + np.arange(4), 4 * (n + t) + np.arange(4), after + np.array([2, 3, 0, 1])], axis=1)

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Worker processes, the live page and the site import modules of this folder; they do not need typer.
+# Import typer only for commands: worker processes, the live page and the site use other modules of this folder.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs={"commands": ["app", "main"]})

@@ -37,7 +37,7 @@ from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
-"""Outcomes: as accurate as requested; less accurate; program not accepted; no answer."""
+"""Outcomes: "missed" is less accurate than requested, "refused" a program not accepted, "failed" no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,12 +63,12 @@ class Row:
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
-Attempt = tuple[Row, Trajectory | None]  # A row before the comparison, and the answer if there is one.
+Attempt = tuple[Row, Trajectory | None]  # a row that is not compared yet, and its answer
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All rows and the label of the most certain row; `rigorous` is True if certificates bound the distances."""
+    """All rows, the label of the most certain row, and `rigorous`: True if certificates bound distances of answers."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
@@ -86,8 +86,8 @@ class Comparison:
             if row.message:
                 yield f"{row.label}: {row.outcome}: {row.message}"
         if self.most_certain is not None and not self.rigorous:
-            why = "friction depends on pressure or slip, or one-sided contact meets friction or viscosity"
-            yield f"allowed: no bound here: {why}"
+            why = "friction depends on pressure or slip, or one-sided contact occurs with friction or viscosity"
+            yield f"allowed is no bound here, because {why}"
         for row in self.rows:
             if row.honest is False:
                 yield f"WRONG: {row.label} is farther from {self.most_certain} than both certificates allow"
@@ -136,7 +136,7 @@ def error_bounds(run: Trajectory) -> Floats:
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the relative distance of two answers, the sum of their certified errors, and True if it is a bound."""
+    """Return the relative distance of two answers, the sum of their errors, and True if the sum bounds the distance."""
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
     limit, unit = error_bounds(one) + error_bounds(other), np.where(one.unit > 0, one.unit, 1.0)
@@ -162,7 +162,7 @@ class Compare:
     n: N = None
     steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8
     solvers: Annotated[
-        str, typer.Option(metavar="A,B,...", help="Names of solvers, FILE.py:CLASS, or all for every installed solver.")
+        str, typer.Option(metavar="A,B,...", help="Names of solvers, FILE.py:CLASS, or all: every installed solver.")
     ] = "newton,clarabel,osqp,direct"
     accuracy: Accuracy = None
     json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all numbers to this file.")] = None
@@ -204,8 +204,8 @@ class Compare:
 
 
 def entrants(typed: str, accuracy: float | None) -> list[tuple[Solver, str]]:
-    """Return pairs (solver, settings): for solvers of cvxpy "default", and "tuned" if vemcvx tunes them; else "own"."""
-    # The import of cvxpy must not be in the time of the first solver.
+    """Return pairs (solver, settings). A solver of cvxpy that vemcvx tunes has two pairs, "tuned" and "default"."""
+    # This also imports cvxpy, whose import must not count in the time of the first solver.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     chosen = parse_list("--solvers", typed, str, "names such as newton,clarabel,SCS, or all")
     spelt = [name if ":" in name else name.lower() for name in chosen]
@@ -236,7 +236,6 @@ def attempt(posed: Posed, row: Row, progress: Callable[[int, int], None]) -> Att
 
 
 def _own_words(message: str) -> str:
-    """Return an error without the name of the solver."""
     return re.sub(r"^solver \S+: ", "", message).removesuffix(".")
 
 
@@ -250,7 +249,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and a format if the field is a number, or the word for False if it is a boolean."""
+"""Heading -> field of `Row`, and its format; for a boolean, the word for False."""
 
 
 def _cell(value: object, form: str) -> str:

@@ -1,4 +1,4 @@
-"""Problem files and lessons of the package: inside an installed package, or beside it in a checkout."""
+"""Problem files and lessons, in the folder `problems` of an installed package, or beside `vemcvx` in a checkout."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Supplied:
 
     @property
     def is_problem(self) -> bool:
-        """True for a problem file: it defines mesh, and either scene and times, or stages."""
+        """True for a problem file: it defines `mesh`, and also `stages` or both `scene` and `times`."""
         defined = {node.name for node in self._parse().body if isinstance(node, ast.FunctionDef)}
         return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
@@ -60,7 +60,7 @@ def lessons() -> dict[int, Supplied]:
 
 
 def problem_path(file: str | Path) -> Path:
-    """Return the path of a file, or of the problem file of the package with this name."""
+    """Return the path of a file; if `file` names a problem of the package, the path of this problem file."""
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
         return path

@@ -22,7 +22,7 @@ from vemcvx.vem.loads import cell_load
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force f per length (and unit thickness), in space per area: the load int f . v ds, (3.4) of the paper.
+    """Surface force f per length and unit thickness (in space: per area). Its load is int f . v ds.
 
     Parameters
     ----------
@@ -85,16 +85,16 @@ class Pressure(Effect):
 
 @dataclass(frozen=True)
 class BodyForce(Effect):
-    """A force f per area (and unit thickness), in space per volume: the load sum_K int_K f . v_hat over cells K.
+    """A force f per area and unit thickness (in space: per volume). Its load is int f . v_hat, cell by cell.
 
-    v_hat is the average of the vertex values of v on K, as defined before (3.14) of the paper.
+    In a cell, v_hat is the average of v at the vertices, as before (3.14) in Feng, Han and Huang.
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
         Cartesian components, force per area (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies: the force acts where one of them is nonzero, by default everywhere.
+        Names of cell data, such as bodies. The force acts where some of these data are nonzero; by default everywhere.
 
     Examples
     --------
@@ -190,7 +190,7 @@ class Clamp(Effect):
 
 
 def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
-    """Return rows that prescribe all components of nodes: each node once per axis, and the axis of each row."""
+    """Return the node and the axis of each row: every node once per axis."""
     return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 
@@ -230,13 +230,13 @@ class PrescribedDisplacement(Effect):
 
     Parameters
     ----------
-    value : constant or callable
-        With ``direction=None`` the vector u, (dim,) or f(x, t) -> (m, dim); otherwise u . direction. Length.
+    value : (dim,) constant, or callable f(x, t) -> (m, dim); with `direction`, number, or callable f(x, t) -> (m,)
+        The displacement u, or its component u . direction; length.
     on : str or sequence of str
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward. "tangent" is the normal rotated by +90 degrees (in the plane only). A vector is normalised.
-        At a corner of `on`, components along both normals (tangents) are prescribed.
+        At a corner of the boundary, the components along both normals, or both tangents, are prescribed.
 
     Examples
     --------
@@ -269,7 +269,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and divisors of values: `BoundaryRows.cosines` for normals, 1 otherwise."""
+        """Return nodes, directions, and the cosines by which values along normals are divided, else 1."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one
@@ -298,7 +298,7 @@ class Rigid(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names; or names of bodies (cell data that are nonzero on them): then all nodes of these bodies move.
+        Boundary names, or names of bodies: cell data that are nonzero on the body. All nodes of a body move.
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
@@ -342,7 +342,7 @@ class Rigid(Effect):
         support = Support(
             self._subject, rows, axes, space.mesh.points[rows], value if moves else None, patterns=patterns
         )
-        # On every rigid motion T c, the nodal forces T (T'T)^{-1} (F, M) do the same work as the force F and moment M.
+        # With T = `modes`, the nodal forces T (T'T)^{-1} (F, M) do the work of force F and moment M on rigid motions.
         spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
         spread[nodes] = np.linalg.pinv(modes).T.reshape(len(nodes), dim, -1)
         own = (("force", self.force, slice(dim)), ("moment", self.moment, slice(dim, None)))
@@ -388,7 +388,7 @@ class Pretension(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`; each bolt needs its effect.
+        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. Each bolt has its own effect.
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
     until : float, optional
@@ -435,7 +435,7 @@ class Pretension(Effect):
             return data.scalar(self.force, x, min(t, until), f"{subject}: force")
 
         first = np.flatnonzero(rows.ends.row == 0)
-        # A norm term on the jump locks the jump: after `until` the weight is infinite, so the term always sticks.
+        # After `until`, this norm term has infinite weight, and keeps the jump constant.
         lock = Friction(
             f"{subject}: lock",
             rows.nodes[:1],
@@ -463,7 +463,7 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds to the virtual work, exactly for affine k.
+# Springs add int k_n (u . n)(v . n) + k_t u_t . v_t ds, with tangential parts u_t, v_t; exact for affine k_n, k_t.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 

@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
     """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
 
-    `parents` are the old cells of new cells; `parts` are the old positions of new edges or faces in the boundary.
+    `parents` has the old cell of each new cell, `parts` the old boundary edge or face (its position) of each new one.
     """
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -46,7 +46,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return the new node at the midpoint of each edge (e, 2); for coinciding edges, the node of the first of them."""
+    """Return the new place at the midpoint of each edge (e, 2); coinciding edges have the same place."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

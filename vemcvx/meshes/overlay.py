@@ -1,8 +1,8 @@
-"""Overlay of the boundary faces of bodies in space where they coincide: both bodies get the same faces there.
+"""Overlay of the boundary faces of touching bodies in space: both bodies get the same faces where they touch.
 
 Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another form a *patch* in one
-plane. In each patch, Shapely unites the outlines of all faces to a net of lines. The polygons of this net inside a face
-replace the face. Finally every place within the tolerance of an edge becomes a vertex of all faces with this edge.
+plane. In each patch, Shapely unites the outlines of all faces, and the polygons between these lines replace the faces.
+Finally every place within the tolerance of an edge becomes a vertex of all faces with this edge.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # 1 / sin(15 degrees), rounded up: a node near two edges gets the place of their common vertex
+CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees): a node so many tolerances from a corner may be near both edges
 COVERAGE_TOLERANCE = 1e-3  # largest relative difference between the areas of a face and of its pieces
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
@@ -45,7 +45,7 @@ def overlay_tilings(
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
     """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
 
-    Return the new mesh, the bodies and places of its nodes, and the old number (m,) of each boundary face.
+    Return the new mesh, the bodies and places of its nodes, and the old boundary face (m,) of each boundary face.
     """
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
@@ -56,7 +56,7 @@ def overlay_tilings(
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
     points, face, pieces = _split_faces(points, outline, shapes, upon.T[number[upon[0]] != number[upon[1]]], tolerance)
-    # in the list of faces, pieces stand in place of the split face
+    # the pieces of a split face take its place in the list of faces
     kept = np.setdiff1d(np.arange(len(of_face)), outer[face])
     listed = np.append(kept, outer[face])
     order = np.argsort(listed, kind="stable")
@@ -86,7 +86,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert the vertices of `sides` into the edges of `sides` on which they lie, wherever `rows` have such an edge."""
+    """Insert into each edge of `rows` that is also an edge of `sides` the vertices of `sides` that lie on the edge."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])
@@ -104,7 +104,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return old and new points, the face (k,) of each piece, ascending, and the places of each piece (k rows)."""
+    """Return all points, the split face (k,) of each piece, and the k rows of places; pieces are sorted by face."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -132,7 +132,7 @@ def _split_faces(
 
 
 def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
-    """Split faces in one plane: return the face of each piece, and offsets and corners of pieces without holes."""
+    """Split faces in one plane; return the face of each piece, the offsets of the pieces, and their corners."""
     import shapely
 
     faces = outlines(places, rows, np.arange(len(places)))
@@ -148,7 +148,7 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return old and new points, and the place of each corner (m, 3): a `known` place if near, else a new place."""
+    """Return old and new points, and the place of each corner (m, 3): the `known` place near it, or a new one."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])

@@ -1,4 +1,4 @@
-"""Meshes of polygons in the plane, and the prisms over them in space."""
+"""Meshes of polygons in the plane, and meshes of prisms over these polygons."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class PolygonMesh(Mesh):
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
-        """The corners of cells, sorted by the edges that start at these corners."""
+        """The corners of cells, sorted by edge: the edge of a corner starts there."""
         return polygons.sort_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
@@ -149,8 +149,8 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells layer by layer. The faces above a boundary or interface have its name, but "bottom" becomes
-            "front" and "top" becomes "back": in space "bottom" and "top" are the lowest and highest polygons.
+            Nodes and cells are ordered by layer. The faces over a boundary or interface have its name, but "front" and
+            "back" replace "bottom" and "top", which are the lowest and highest polygons in space.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class PolygonMesh(Mesh):
         return ax
 
 
-NAMES_IN_SPACE = {"bottom": "front", "top": "back"}  # name of a side in the plane -> of the faces above it in space
+NAMES_IN_SPACE = {"bottom": "front", "top": "back"}  # name of a side -> name of the faces over this side
 
 
 def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
@@ -246,7 +246,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return offsets, vertices and cells of the outward faces of a layer; upper nodes are numbered from n_nodes on."""
+    """Return offsets, vertices and cells of the faces of one layer; upper nodes are numbered from n_nodes on."""
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])

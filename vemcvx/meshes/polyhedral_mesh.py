@@ -41,8 +41,8 @@ class PolyhedralMesh(Mesh):
     ----------
     points, cell_data, interfaces : as the parameters
     face_offsets, face_vertices : (n_faces + 1,) int, (n_corners,) int
-        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``; by the right-hand rule, its
-        normal points out of its first cell.
+        Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``, counter-clockwise as seen from
+        outside its first cell.
     face_cells : (n_faces, 2) int
         First and second cell of each face; the second is -1 on the boundary.
     cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int

@@ -1,14 +1,14 @@
-r"""A matrix K with a kernel N (n, k): k motions without energy, which only norm terms and limits resist.
+r"""The kernel of a matrix K: motions without energy, which only norm terms and limits resist.
 
-An example is a body without supports, held by friction, or by its weight on an obstacle. In the notation of
-:mod:`vemcvx.program.step_program`, the program of a step has a solution d* if no motion Nc gains energy (first
-formula). Forces of norm terms and limits then balance the load on the kernel (second formula):
+An example is a body without supports, held by friction, or by its weight on an obstacle. Let N have k columns that span
+the kernel. In the notation of :mod:`vemcvx.program.step_program`, a step has a solution d* if every motion N c costs
+energy (left). Forces of norm terms and limits then balance the load on the kernel (right):
 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D N c \le 0, \qquad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
-K d* is unique, but d* need not be unique, so that errors are measured in the seminorm |.|_K. To factorise K, we add
-stiffness to k unknowns, the *anchors*; every motion moves at least one of them.
+K d* is unique. d* need not be unique, so errors are measured in the seminorm |.|_K. To factorise K, we add stiffness to
+k unknowns, the *anchors*; every motion moves at least one anchor.
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
-MAX_CORRECTIONS = 50
-"""Largest number of corrections of multipliers."""
+MAX_CORRECTIONS = 50  # of multipliers, by least squares
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Kernel:
     in_words : callable (k,) -> str, optional
         A function that describes the motion modes @ c, given c; by default the description follows from `names`.
     moved : (n_u, k) or (nodes, components, k) array, optional
-        Displacements of all nodes in the motions, if unknowns are not displacements of nodes; by default `modes`.
+        Displacements of all nodes in each motion; by default `modes`, if the unknowns are displacements of nodes.
 
     Examples
     --------
@@ -93,14 +92,14 @@ class Kernel:
 
 
 def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
-    """Return the rank of rows @ modes (n, k): the number of independent motions that the rows resist."""
+    """Return the rank of rows @ modes: the number of independent motions, of `modes` (n, k), that the rows resist."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
     return int(np.linalg.matrix_rank(seen, tol=ROUNDED * max(len(seen), 1)))
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return anchor stiffness (m,): K's diagonal at the k unknowns that distinguish modes (m, k) best, else zero."""
+    """Return stiffness (m,) for anchors, the k unknowns that distinguish modes (m, k) best: K's diagonal, else zero."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)
@@ -115,10 +114,10 @@ def add_anchors(K: Matrix, anchor: Floats) -> Matrix:
 def balance_multipliers(
     near: tuple[Floats, Floats], w: Floats, modes: Floats, push: Floats, weights: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return multipliers |lam_i| <= w_i (m, block) and p >= 0 (r,) close to `near` that balance `push` (k,).
+    """Return multipliers lam (m, block), p (r,) close to `near`: (lam, p)'modes = push, |lam_i| <= w_i, p >= 0.
 
-    Multipliers balance `push` if (lam, p)'modes = push; `modes` (m * block + r, k) are slips and gaps in k motions.
-    Corrections are least squares; a larger weight allows a larger change.
+    The columns of `modes` (m * block + r, k) are the slips and gaps in k motions. Corrections are least squares; a
+    larger entry of `weights` allows a larger change.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

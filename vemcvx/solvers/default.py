@@ -63,7 +63,7 @@ class AdaptedSolver(Solver):
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
-        """Return the name, and the public attributes that are numbers or strings: the same text in every process."""
+        """Return the name, and public numbers and strings of the object; the text is the same in every process."""
         own = {name: value for name, value in getattr(self._own, "__dict__", {}).items() if name[0] != "_"}
         plain = {name: value for name, value in own.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
@@ -86,7 +86,7 @@ class AdaptedSolver(Solver):
 
 @dataclass(frozen=True)
 class Direct(Solver):
-    """One solve with K per step, for programs without norm terms and limits.
+    """One linear solve per step, for programs without norm terms and limits.
 
     Parameters
     ----------
@@ -108,21 +108,19 @@ class Direct(Solver):
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one step."""
         d = program.operators.factor.solve(program.g)
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
 
 
-PATIENCE = 12
-"""The fixed-point iteration stops after this number of consecutive programs that do not halve the least gap."""
+PATIENCE = 12  # The fixed-point iteration stops if so many programs in a row do not halve the least gap.
 
 
 @dataclass(frozen=True, eq=False)
 class RunSolver:
-    """A solver prepared for a run, under given weights and under laws of friction.
+    """A solver prepared for the steps of a run; their weights are given, or follow from a law of friction.
 
-    Newton's method solves steps under laws itself. Other solvers answer programs with given weights in a fixed-point
-    iteration: the next weights come from one step of `newton` on the active sets of the answer.
+    Newton's method solves steps with a law directly. Other solvers solve programs with given weights in a fixed-point
+    iteration: from each answer, one step of `newton` leads to the next weights.
     """
 
     solver: Solver
@@ -144,7 +142,7 @@ class RunSolver:
 
     @cached_property
     def second(self) -> RunSolver:
-        """The solver for a second attempt: Clarabel after Newton's method, else the same solver with other settings."""
+        """The solver for a second attempt: Clarabel after Newton's method, else self; cvxpy gets other settings."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
         if not isinstance(solver, ThroughCvxpy):
             return self
@@ -153,12 +151,12 @@ class RunSolver:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve one step. Under a law, each answer has a gap under its own weights; return the answer of least gap."""
+        """Solve one step. Under a law, return the answer of least gap; its gap refers to the weights that it causes."""
         if self.prepared is self.newton:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
             return read_answer(self.prepared.solve(program, target, lam, p), program, self.solver.name)
-        # Friction at earlier pressures may not hold a body without supports: begin with weights that hold any load.
+        # Earlier weights may be too small to hold a body without supports: begin with the sum of all loads.
         floats = program.operators.kernel is not None
         w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w
         best, least, waited, iterations = None, np.inf, 0, 0
@@ -180,7 +178,7 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Repeat a step that missed its target; after Clarabel, run Newton from Clarabel's answer; return the best."""
+        """Repeat a step that missed its target by `second`; after Clarabel also run Newton. Return the best answer."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:
@@ -191,7 +189,7 @@ class RunSolver:
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
-"""The solvers of the package: the first that accepts a program is its default solver."""
+# The first of these that accepts a program is its default solver.
 
 log = logging.getLogger("vemcvx")
 

@@ -88,7 +88,7 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
     Parameters
     ----------
     samples : EffectSample, or mapping of names to samples
-        Give several samples if settings of an effect exclude each other.
+        Give several samples of an effect if some of its settings exclude each other.
 
     Returns
     -------

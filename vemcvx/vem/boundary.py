@@ -48,7 +48,7 @@ class Part:
     sides: Ints  # (m, 2) the nodes of each edge, with its cell on the left; or (m,) the face numbers, ascending
     normals: Floats  # (m, dim) outward unit normals of sides
     measures: Floats  # (m,) lengths or areas of sides
-    rules: Callable[[int], tuple[SideRule, ...]]  # for a number of Gauss points per edge; degree 5 on faces
+    rules: Callable[[int], tuple[SideRule, ...]]  # the rule for a number of Gauss points per edge; on faces, degree 5
     ends: SideEnds  # one row for each node of each side; the sides are in the order of `rules`
 
     @cached_property
@@ -64,7 +64,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The node of each end of a side, and the other node of the edge (in space, the face number): array (e, 2)."""
+        """The ends (e, 2) of sides: the node at the end, and the other node of the edge (in space: the face number)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -91,9 +91,9 @@ def edge_part(
 ) -> Part:
     """Return the part of the boundary that consists of these edges (m, 2), with their cells on the left.
 
-    `across` (m, 2) has the nodes of other bodies that an interface joins to the nodes of each edge, or -1. `inside`
-    (m, 2) is True for nodes in only one cell of the body that defines the boundary; they are hanging nodes where the
-    boundary is straight. In bodies of revolution, lengths and weights contain the factor 2 pi r of the full turn.
+    Two arrays (m, 2) have values for both nodes of an edge. `across` is the node of another body that an interface
+    joins to the node, or -1. `inside` is True if only one cell contains the node (on interfaces: one cell of the first
+    body); where the boundary is straight, it hangs. In bodies of revolution, lengths and weights contain 2 pi r.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
@@ -195,7 +195,7 @@ def face_part(
 
 
 def _curvature(group: FaceGroup) -> Floats:
-    """Return sin(alpha) / (|a| |b|) (f, n): at a vertex of a face, edges a, b of this face meet at the angle alpha."""
+    """Return sin(alpha) / (|a| |b|) at the n vertices of f faces, with the angle alpha between the edges a and b."""
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
@@ -204,21 +204,18 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal (docs/signs.md, "Corners and curves").
 #
-# Neighbouring sides whose normals differ by less than 42.5 degrees form a curve. With two normals, their common node
-# could not slide along the curve, however fine the mesh is. Normals are averaged with the weights 1 / length of sides;
-# in space with weights sin(alpha) / (|a| |b|), where a and b are the edges of a face at the node and alpha is their
-# angle (N. Max, J. Graphics Tools 4 (1999)). These means are exact for nodes on a circle or a sphere.
+# Neighbouring sides whose normals differ by less than 42.5 degrees form a curve, and their common node has one normal:
+# with two normals, it could not slide along the curve. This normal is a mean with the weights 1 / length of sides. In
+# space, a face with edges a and b at the node, and the angle alpha between these edges, has the weight
+# sin(alpha) / (|a| |b|) (N. Max, J. Graphics Tools 4 (1999)). The means are exact for nodes on a circle or a sphere.
 #
-# In the plane, nodes of the other body of an interface hang in the sides of the curve. Means are taken over whole
-# sides, which hanging nodes do not divide. The normal at a hanging node is interpolated between the ends of its whole
+# In the plane, a node of one body may lie inside a side of another body: it is a hanging node, and divides a *whole
+# side*. Means are taken over whole sides. The normal at a hanging node is interpolated between the ends of its whole
 # side: otherwise friction and pressure in a press fit would oscillate at every h (Yang, Laursen, Meng, Int. J. Numer.
 # Meth. Engng 62 (2005)).
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
-CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))
-"""Largest distance between the unit normals of neighbouring sides of one curve."""
-DIRECTION_TOLERANCE = 1e-2
-"""Largest distance of unit vectors that count as equal: .57 degrees. Two sides that turn by less at a node of a single
-cell are one straight side. Points rounded to four digits cause such turns."""
+CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))  # largest distance of unit normals along a curve
+DIRECTION_TOLERANCE = 1e-2  # largest distance of equal unit vectors, 0.57 degrees: points may have four digits only
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,19 +229,19 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry at some nodes, normal to the directions in which these nodes are held."""
+    """Planes of symmetry at some nodes; supports hold these nodes in the normal directions."""
 
     nodes: Ints
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Project vectors[i] onto the normals of the planes that contain nodes[i] and its partner; return (m, dim)."""
+        """Return the parts (m, dim) of vectors[i] normal to the planes of symmetry at both nodes[i] and partners[i]."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # The planes of two bodies count as equal if the angle t of their normals is at most the tolerance. The mean of
-        # both projections then has an eigenvalue cos(t / 2)^2, about 1 - t^2 / 4, along the bisector of the normals.
+        # If the normals of two planes have the angle t, the mean of both projections has the eigenvalue cos(t / 2)^2,
+        # about 1 - t^2 / 4, along the bisector of the normals. Planes with t <= DIRECTION_TOLERANCE count as equal.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
@@ -303,7 +300,7 @@ class BoundaryRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SideEnds:
-    """The ends (e,) of all sides of a part, one per side and node. *Whole sides* continue across hanging nodes."""
+    """The ends (e,) of all sides of a part, one per side and node. Hanging nodes divide a *whole side* into sides."""
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
@@ -318,7 +315,7 @@ class SideEnds:
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """Return the rows; `matrix` (e, q) maps the values g(points) to int g phi_i ds over the side of each end."""
+        """Return the rows. For each end, `matrix` (e, q) maps g(points) to int g phi_i ds over the side."""
         row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
@@ -350,7 +347,7 @@ class SideEnds:
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)
         part = (self.sizes / longest[row]) ** 4
-        # At a hanging node, all curvatures are zero, and only areas count.
+        # If all curvatures are zero (at a hanging node of a face, sin(alpha) = 0), only areas count.
         relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part

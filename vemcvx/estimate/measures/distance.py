@@ -1,19 +1,18 @@
-r"""The distance of two displacement fields in the energy norm, on the same or on different meshes.
+r"""The distance of two displacement fields u and v in the energy norm, on the same or on different meshes.
 
-- exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$ of the virtual functions, on rectangles and triangles;
-- projected: the same integral for Pi u and Pi v, on any polygons;
-- nodal: $|u - I v|_{a^h}$ on the mesh of u, whose nodes must be nodes of the other mesh; I v interpolates v.
+- exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$ on triangles, rectangles and tetrahedra (see below);
+- projected: the same integral for Pi u and Pi v, on any cells;
+- nodal: $|w|$ with w = u - I v, where I v interpolates v. All nodes of the mesh of u must be nodes of the mesh of v.
 
-The first two are integrated exactly on the overlaps of cells. The nodal distance ignores v between the coarse nodes. It
-is |w| for w = u - I v, with the moduli and the stabilisation of `run`,
+In the plane, exact and projected distances are integrated exactly on the overlaps of cells. In space, they are exact if
+the cells of the mesh of v lie inside cells of the mesh of u; otherwise their error is O(h). The nodal distance uses the
+moduli and the stabilisation of u:
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
-In space, the integrals are exact if the cells of the second mesh lie inside cells of the first mesh; otherwise their
-error is O(h). There, "exact" is for tetrahedra: u is linear.
-
-Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. On a rectangle let e_1 and e_2 be the sides,
-c the centre, u_1 ... u_4 the vertex values in turn, xi = 2 e_1.(x - c) / |e_1|^2, and eta the same with e_2. Then
+Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. On a rectangle with the sides e_1 and e_2,
+the centre c, and the values u_1 ... u_4 at the vertices in turn, let xi = 2 e_1.(x - c) / |e_1|^2. Let eta be the same
+function for e_2. Then
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
@@ -52,7 +51,7 @@ from vemcvx.vem.tensors import elastic_matrix, stresses
 
 
 def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: Floats) -> Floats:
-    """Return the strains (q, 3) of Pi u or, for "exact", of the virtual function, at points (q, dim) of cells (q,)."""
+    """Return the strains (q, 3) at points (q, dim) of cells (q,): of the virtual function for "exact", else of Pi u."""
     plane = field.space.in_plane
     known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
@@ -71,7 +70,6 @@ def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: 
 
 
 def _rectangles(corners: Floats) -> Bools:
-    """Return True for quadrilaterals (c, 4, 2) that are rectangles."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     lengths = np.hypot(*first.T), np.hypot(*second.T)
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
@@ -103,7 +101,7 @@ class Field:
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
         As in `History.moduli`, force per area.
     time : float
-        The instant at which closed forms are evaluated.
+        The instant of the field, at which exact solutions f(x, t) are evaluated.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
         As for `Elasticity`; only nodal distances use it.
 
@@ -191,7 +189,7 @@ class Measured:
         The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), in units of sqrt(force * length). In
         Feng, Han and Huang, ||v||_E is smaller by the factor sqrt(2); relative values are the same.
     reference : float
-        The same norm of the reference.
+        The norm of the reference.
     cells : (n_cells,) array
         The norm on each cell of the first mesh: absolute^2 = sum of cells^2.
 
@@ -207,17 +205,14 @@ class Measured:
 
     @property
     def relative(self) -> float:
-        """The ratio absolute / reference; 0 / 0 = 0, and infinity if only the reference is zero.
-
-        Error budgets have another denominator: see `scale` of :class:`vemcvx.estimate.budget.ErrorBudget`.
-        """
+        """The ratio absolute / reference; 0 / 0 = 0, and infinity if only the reference is zero."""
         if self.reference == 0.0:
             return 0.0 if self.absolute == 0.0 else float("inf")
         return self.absolute / self.reference
 
 
 def make_measure(squares: Floats, reference: float) -> Measured:
-    """Return the measure, given the squared norms of the difference on cells and of the whole reference."""
+    """Return the measure; `squares` are squared norms of the difference on cells, `reference` is the squared norm."""
     cells = np.sqrt(np.maximum(squares, 0.0))
     return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells)
 
@@ -234,7 +229,7 @@ class CommonRule:
 
 @lru_cache(maxsize=4)
 def common_rule(first: Mesh, second: Mesh) -> CommonRule:
-    """Return a rule exact for quadratic functions on cells of both meshes; in space, for constants on nested meshes."""
+    """Return a rule on the overlaps of cells: of degree 2 in the plane, of degree 0 in space."""
     if isinstance(second, PolyhedralMesh):
         return _in_pyramids(first, second)
     assert isinstance(first, PolygonMesh)
@@ -245,7 +240,7 @@ def common_rule(first: Mesh, second: Mesh) -> CommonRule:
 
 
 def _in_pyramids(first: Mesh, second: PolyhedralMesh) -> CommonRule:
-    """Return the rule with a point in each pyramid between the centroid and a face of a cell of the second mesh."""
+    """Split the cells of `second` into pyramids over their faces; return the rule with one point in each pyramid."""
     assert isinstance(first, PolyhedralMesh)
     cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
     arms = second.face_centroids[face] - second.centroids[cell]
@@ -340,7 +335,6 @@ def energy_distance(
 
 
 def _nodal(u: Field, v: Field) -> Measured:
-    """Return |u - I v|_{a^h} on the mesh of u, relative to |I v|_{a^h}."""
     if u.stabilisation is None:
         raise HistoryError(
             "energy_distance: the first run was read from files without its stabilisation, which the nodal distance "
@@ -356,7 +350,7 @@ def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
         return np.arange(coarse.n_nodes)
     away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
-    # Nodes are the same if their distance is less than this part of the diameter of the smallest cell.
+    # Nodes count as the same up to 1e-6 times the diameter of the smallest cell.
     if away[worst] > 1e-6 * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
             f"energy_distance: node {worst} of the first mesh, at {coarse.points[worst]}, is no node of the second: "

@@ -4,7 +4,7 @@ Seeds near a side of the box are reflected in this side, so that no cell needs t
 seed to the centroid of its cell. Both ideas, and the collapse of short edges at the end, follow PolyMesher
 (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012, 309-328).
 
-The unit of length is the square root of the mean area (in space: the cube root of the mean volume).
+Seeds lie in a scaled box, in which the mean area of cells (in space: the mean volume) is one.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def voronoi3(
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra (the cells of Kelvin's foam); the sides cut some of them.
+    """Return a mesh of a box with truncated octahedra (Kelvin's foam); the sides of the box cut some of these.
 
     Parameters
     ----------
@@ -152,17 +152,15 @@ def kelvin(
 
 
 def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralMesh:
-    """Return the mesh of cells in [0, sides], moved into a box, with sorted nodes."""
+    """Return the mesh of these faces, with sorted nodes, moved from [0, sides] into a box."""
     points, number = _sort_by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
     points = move_into_box(points, sides, np.array(box.low), np.array(box.high))
     return PolyhedralMesh.unchecked(points, *faces, box=box)
 
 
-Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)
-"""Polygons as (offsets, vertices), or the faces of polyhedra."""
-MIRROR_DISTANCE = {2: 3.0, 3: 2.0}
-"""Dimension -> distance from a side up to which seeds are mirrored; relaxed cells have widths of about 1."""
+Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)  # polygons as (offsets, vertices), or polyhedra
+MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> seeds closer to a side are mirrored in it; cells are about 1 wide
 
 
 def _relax(
@@ -171,7 +169,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # few seeds might lie on one line, without a triangulation
+        # mirror at most 50 seeds in all sides: with fewer images, all points might lie on one line
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -194,7 +192,7 @@ def _measures_and_centroids(points: Floats, cells: tuple[Ints, Ints] | Faces) ->
 
 
 def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
-    """Sort points by layers and rows one cell high, for faster assembly; also return their new numbers."""
+    """Sort points by layers and rows of height 1, for faster assembly; return the points and their new numbers."""
     rows = np.lexsort((points[:, 0], *np.floor(points[:, 1:]).T))
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
@@ -202,7 +200,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return seeds, then images in sides nearer than `reach`; for each point its seed, and its side (-1 for seeds)."""
+    """Return three arrays: the seeds and their images in near sides, the seed of each, and the side (seeds: -1)."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -216,7 +214,7 @@ def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, In
 
 
 def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
-    """Return the vertices, which are the circumcentres of Delaunay triangles, and the Voronoi cells of the seeds."""
+    """Return vertices and Voronoi cells of the seeds; the vertices are circumcentres of Delaunay triangles."""
     from scipy.spatial import Delaunay, QhullError
 
     sites = _mirror(seeds, size, reach)[0]
@@ -268,7 +266,7 @@ def collapse_short_edges(
 
 
 def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Drop repeated vertices, then rows of fewer than three vertices and unused points; also return the kept rows."""
+    """Drop vertices equal to the next one, rows with one or two vertices, and unused points; also return kept rows."""
     fresh = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
     left = counts > 2

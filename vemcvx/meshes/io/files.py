@@ -17,7 +17,7 @@ READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
 BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
 BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
-"""Suffix -> what becomes a body under bodies='physical'; VTU files need no such rule, because they have interfaces."""
+"""Suffix -> the groups of cells that bodies='physical' makes bodies. VTU files, which store interfaces, have none."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 

@@ -1,7 +1,4 @@
-"""Guaranteed bounds on the error of mesh and steps.
-
-For a step see :mod:`.hypercircle`, for a whole history :mod:`.whole_history`, for a quantity :mod:`.quantity`.
-"""
+"""Guaranteed error bounds of a step (:mod:`.hypercircle`), a history (:mod:`.whole_history`) or a :mod:`.quantity`."""
 
 from __future__ import annotations
 
@@ -32,8 +29,8 @@ class ErrorBound(Outlined):
     """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
-    step, u is the exact solution of the step, given the displacement before the step. For a history, u is the exact
-    history. It begins like the run: at v or, with initial="equilibrium" or "settled", at rest under the loads.
+    step, u solves the step exactly, given the computed displacement before the step. For a history, u is the exact
+    history. The exact history starts from v or, with initial="equilibrium" or "settled", at rest under the loads.
 
     Attributes
     ----------
@@ -50,15 +47,15 @@ class ErrorBound(Outlined):
         Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
-        the laws of friction and contact. "data": the estimate for data that are not linear on edges, in cells, or in
-        time between instants; zero for linear data. "algebra": the certified error of the solver; the other parts
-        contain this error. For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
+        the laws of friction and contact. "data": the estimated effect of data that are not linear on edges, in cells,
+        or in time between instants. "algebra": the certified error of the solver, which the other parts contain.
+        For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str
-        "bound": a theorem, for data that are linear at all examined points (:mod:`vemcvx.bound.reading`). "bound for
-        data as read at points": the results contain the estimate "data". "bound for the given friction": the friction
-        bound follows the computed pressure. "bound for data as read at instants": data are not linear within steps.
+        "bound": a theorem; the data passed the test of linearity in :mod:`vemcvx.bound.reading`. "bound for data as
+        read at points": `upper` contains the estimate "data". "bound for the given friction": the weights of friction
+        follow the computed pressure. "bound for data as read at instants": data are not linear within steps.
     history : History
         The run.
 
@@ -103,7 +100,7 @@ class ErrorBound(Outlined):
 
     @property
     def largest(self) -> dict[str, Any]:
-        """The largest bound, with keys "step", "upper", "lower", "relative", "kind" and "reading" (its part "data")."""
+        """The largest bound, with keys "step", "upper", "lower", "relative", "kind" and "reading" (`parts["data"]`)."""
         k = int(np.argmax(self.upper))
         each = {"upper": self.upper, "lower": self.lower, "step": self.steps, "relative": self.relative}
         each["reading"] = self.parts["data"]
@@ -134,22 +131,22 @@ def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> Q
 def error_bound(
     history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
 ) -> ErrorBound | QuantityBound:
-    """Bound the error of the mesh in one step, or of mesh and steps in a history, in the energy norm.
-
-    With `of`, bound a linear quantity of the exact displacement in one step.
+    """Return bounds on the error of one step or of a history in the energy norm, or on a linear quantity of one step.
 
     Parameters
     ----------
     history : History
     step : int, optional
-        A stored step whose predecessor was also stored; -1 is the last step; required with `of`. The default bounds the
-        whole history. Then all steps must be stored, and contact must be bilateral with a given friction bound
-        (BilateralContact, TrescaFriction). A warning lists instants at which data are not linear in time.
+        A stored step whose predecessor was also stored; -1 is the last step. A quantity requires a step. Without a
+        step, the bounds hold for the whole history: all steps must be stored, and contact must be bilateral with given
+        weights of friction (BilateralContact, TrescaFriction). A warning lists instants inside steps at which data are
+        not linear in time.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
         is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
         ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support
-        gives the support force times the displacement: the force along x for ``(1.0, 0.0)``. A sequence gives the sum.
+        gives the work of the support force: for the displacement ``(1.0, 0.0)``, this work is the force along x. A
+        sequence gives the sum.
 
     Returns
     -------
@@ -198,7 +195,7 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
 
 
 def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
-    """Return the bounds of steps with these pairs."""
+    """Return the bounds of steps, each from its pair of displacement and stress."""
     at, circle = np.array(steps), pairs[0].circle
     eta = np.array([pair.read.eta for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"
@@ -231,7 +228,6 @@ def _kind(supposed: Mapping[str, bool | np.bool]) -> str:
 
 
 def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Return bounds on the energy of u, given the energy norm of v, and the bound `upper` on the distance |u - v|_a."""
     return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
 
 
@@ -274,7 +270,7 @@ def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
 
 
 def _bounds_of_force(history: History, pairs: Sequence[Pair]) -> dict[str, Any]:
-    """Return the fields of a history with bounds of the force that moves a boundary; none if no boundary moves."""
+    """Return fields with bounds on the force that moves a boundary; an empty dict if no boundary moves."""
     if (loop := loop_of(history)) is None or loop.kind == "load":
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)

@@ -75,7 +75,7 @@ def version_of(package: str) -> str | None:
 
 
 def _test_chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
-    """Solve a chain of four blocks under a pull of 1.2, with friction .5 on each: two slip, by .9 and .2, two stick."""
+    """Solve a chain of four blocks, each with friction 0.5; the first block is pulled with the force 1.2."""
     K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
     system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
     try:

@@ -1,4 +1,4 @@
-"""Calls of functions, each in a new process with one BLAS thread: a crash does not stop the caller."""
+"""Run a function in a new process with one BLAS thread, so that a crash does not stop the caller."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from threadpoolctl import threadpool_limits
 from vemcvx.base.errors import NotCertified, VemcvxError
 
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
-"""Status of a run: answered; answered, but outside the accuracy; refused, because the problem is invalid; crashed."""
+"""The statuses of a run. NOT_CERTIFIED: the answer misses the accuracy; REFUSED: the problem is invalid."""
 
 
 def call_safely(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
-    """Call a module-level function in a new process; return DONE and its result, or another status and its reason."""
+    """Call a module-level function in a new process; return DONE and the result, or another status and the reason."""
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
@@ -50,7 +50,6 @@ def use_one_thread() -> None:
 
 
 def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, ...]) -> None:
-    """Call the function in the new process, and send the status and the result, or the reason of a failure."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process handles Ctrl-C.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()

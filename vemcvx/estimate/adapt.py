@@ -2,7 +2,7 @@
 
 Each pass simulates the whole history on its mesh, and refines the fewest cells whose squared indicators add up to THETA
 times the sum over all cells (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal.
-33, 1996); fewer if they suffice. Each later pass splits the fewest steps that cause a given part of the time error.
+33, 1996). It refines fewer cells if these are expected to meet the target. Steps with large time errors are split.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state, march, prepare
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
-GAIN = 0.75  # Fraction of the squared indicator that a split removes from a cell in which the solution is smooth
-MARGIN = 0.9  # Fraction of the target at which a pass aims, to save a further pass
+GAIN = 0.75  # Fraction of a cell's squared indicator that refinement of the cell removes, for smooth solutions
+MARGIN = 0.9  # Cells are refined until the expected error is this fraction of the target
 TIME_FRACTION = 0.3  # Allowed time error as a fraction of the target
 THETA = 0.6  # Fraction of the squared error that is in the refined cells of a pass
-MOST_STEPS = 4000  # Largest number of steps before the first pass
+MOST_STEPS = 4000  # Largest number of steps of the first pass
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with the part `theta` of the sum of `squares`; fewer if they meet `goal`."""
+    """Return a mask of the fewest cells whose `squares` add up to theta times their sum, or suffice for `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -49,12 +49,12 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
 
 
 def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Floats:
-    """Split the steps that contribute most to the time error relative to `unit`, if this error exceeds `allowed`."""
+    """Return instants with the worst steps split, if the time error relative to `unit` exceeds `allowed`."""
     error = float(finer.errors.max()) / (unit or 1.0)
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), finer.added**2, 0.0)
     if error <= allowed or not squares.any():
         return times
-    # For smooth loads, the error is O(k^2) in the step k.
+    # The error of steps k is O(k^2) for smooth loads, so halves divide it by 4.
     parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
     # Split the fewest steps that contribute .8 of the sum of `squares`.
@@ -77,7 +77,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """by key: local cell size and value of each extreme that may grow without limit"""
+    """name -> local cell size and value, for each extreme that may grow without limit on finer meshes"""
 
     @property
     def total(self) -> float:
@@ -152,7 +152,7 @@ def adapt(
     mesh : PolygonMesh or PolyhedralMesh
         The coarse initial mesh (in space: of tetrahedra); it must have the boundaries that the scene names.
     times : increasing sequence of instants
-        The first and the last instant, and instants to store. The history also stores instants at which data bend,
+        Instants to store, from the first to the last of the run. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
         Allowed relative error in the energy norm. It is estimated at up to eight given instants, and at up to eight
@@ -162,7 +162,7 @@ def adapt(
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        A pass that is expected to have more unknowns does not begin, even if the target is not met.
+        A pass that is expected to exceed this number does not begin, even if the target is not met.
     progress : callable, optional
         Called with each finished :class:`Pass`.
 
@@ -230,31 +230,28 @@ class _Aim:
 
     target: float
     initial: str | Projected | None
-    wanted: Floats  # given instants
+    wanted: Floats  # instants that the user gave
     solver: Solver | Solves | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
-    """instants between the given ones at which data bend, turn or jump"""
+    """instants inside the steps of `wanted` at which data bend, turn or jump"""
 
     @property
     def stored(self) -> Floats:
-        """The instants that the history stores."""
         return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Return steps at which the mesh error is estimated: given instants and instants at which data turn."""
+        """Return the steps that end at instants at which the mesh error is estimated."""
         # Each instant costs a back-substitution per pass, so at most eight of each kind are examined.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
 
 
 def _choose_evenly(instants: Floats, most: int) -> Floats:
-    """Return at most `most` of the instants, evenly chosen between the first and the last."""
     few = len(instants) <= most
     return instants if few else instants[np.linspace(0, len(instants) - 1, most).round().astype(int)]
 
 
 def _simulate_pass(scene: Scene, mesh: Mesh, instants: Floats, aim: _Aim, start: float) -> tuple[PosedScene, History]:
-    """Simulate a pass that began at the clock time `start`."""
     posed = pose_scene(scene, mesh, instants.tolist())
     kept = np.union1d(np.searchsorted(instants, aim.stored), aim.steps(instants)).tolist()
     begun = free_unknowns(aim.initial, posed, instants)
@@ -270,7 +267,6 @@ def _make_result(
     aim: _Aim,
     passes: Sequence[Pass],
 ) -> Adapted:
-    """Return the result of the last pass."""
     errors = {**budget.largest, "target": aim.target}
     history = replace(history, errors=errors, growth=_growth(passes))
     warn_of_large_strains(posed, history)
@@ -287,29 +283,25 @@ def _tell(passes: Sequence[Pass], budget: ErrorBudget, progress: Callable[[Pass]
 
 
 def _extremes(history: History) -> dict[str, tuple[float, float]]:
-    """Return the local cell size and the value of extremes that may grow without limit."""
     mesh, found = history.mesh, {}
     for one, *_ in largest_values(history):
         if one.key in SINGULAR:
-            # For a contact node, the cell with the nearest centroid is one of the smallest cells nearby.
             near = np.linalg.norm(mesh.centroids - one.place, axis=1)
             found[one.key] = float(mesh.measures[np.argmin(near)] ** (1.0 / mesh.points.shape[1])), one.value
     return found
 
 
 def _growth(passes: Sequence[Pass]) -> dict[str, str]:
-    """Return the extremes that grew on the last meshes, with a description of their growth."""
     keys = set.intersection(*(set(one.extremes) for one in passes))
     found = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
     return {key: words for key, words in found.items() if words}
 
 
 def _next(now: Pass, budget: ErrorBudget, steps: tuple[Floats, Finer], target: float) -> tuple[Bools, Floats]:
-    """Return cells to refine and the instants of the next pass; steps are split when the mesh is nearly good enough."""
+    """Return a mask of cells to refine, and the instants of the next pass."""
     # The allowed mesh error is the target minus the errors of algebra and steps, but at least half the target.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
     marked = cells_to_refine(budget.cells**2, for_space**2, THETA)
-    # Split steps only if the mesh error is at most 1.5 times its allowed value.
     if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
         return marked, steps[0]
     (instants, finer), unit = steps, budget.scale
@@ -326,10 +318,8 @@ def _check(target: object, most: object, progress: object) -> None:
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Return the aim with the instants at which data turn, and instants of a run with a small time error on `mesh`.
-
-    The posed scene includes effects that are zero at the given instants, because they may act between them.
-    """
+    """Return the aim, completed by its `turns`, and instants at which a run on `mesh` has a small time error."""
+    # An effect that is zero at all given instants is posed, too: the effect may act between these instants.
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")
     if posed.curves:

@@ -1,31 +1,31 @@
-"""Residuals of a state, which estimate the mesh error in the error budget. Sides are edges; in space, sides are faces.
+"""The residual estimate eta_K of the mesh error in each cell K. Sides are edges; in space, sides are faces.
 
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
                    + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary sides  d_e / (2 mu) |t - (sigma + q) n|^2_e )       loads, contact, springs
-              + |q I|^2_K in C^{-1}
+              + int_K q I : C^{-1} q I
               + the larger of
                      s S_K(u - Pi u, u - Pi u)                                              the stabilisation
                      sum over edges  |K| / l_e  E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e
               + d_e / (2 mu) |t - t_e|^2_e + h_K^2 / (9 mu) |f - f_K|^2_K                  errors of assembled data
-              + |(C - C_K) eps(Pi u) + sigma_0 - sigma_0K|^2_K in C^{-1}
+              + int_K s_0 : C^{-1} s_0,  s_0 = (C - C_K) eps(Pi u) + sigma_0 - sigma_0K
 
-with sigma = C eps(Pi u) + sigma_0, the projection Pi u to linear displacements in each cell, the shear modulus mu, the
-traction t of loads, contact and springs, and the modulus E of a bar along the edge (docs/theory/error_estimates.md).
-Boundary residuals count in directions that supports leave free, on both bodies of an interface. c is CONSTANT or, in
-space, IN_SPACE. The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods*
-(2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
+Pi u is the projection to linear displacements in each cell, sigma = C eps(Pi u) + sigma_0 the stress, mu the shear
+modulus, t the traction of loads, contact and springs, and E Young's modulus along the edge. Residuals on boundary sides
+e have only the components that supports leave free; both bodies of an interface have such sides. c is CONSTANT or, in
+space, IN_SPACE (docs/theory/error_estimates.md). The terms follow Verfurth, *A Posteriori Error Estimation Techniques
+for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
 
-- d_e is the mean width of both cells *across* the side. Let T be a triangle on e with apex a and height d, and w the
-  interpolation error of a test function. The divergence of (x - a) w^2 in T gives
+- d_e is the mean width of both cells *across* the side e. This length fits: let T be a triangle on e with apex a and
+  height d, and w the interpolation error of a test function. The integral of div((x - a) w^2) over T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-- h_K is the longest side of a box with the second moments of the cell, l_e the width of the cell along the edge.
+- h_K is the longest side of the box that has the same second moments as the cell; l_e is the width of K along the edge.
 - In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices;
-  the pressure q is constant in cells, and minimises the sum of the squares that contain q.
-- t_e is the mean of t over a side; f_K, C_K and sigma_0K are values of a cell. In the plane, friction bounds and gaps
-  that are not linear between nodes count like errors of t (:mod:`vemcvx.bound.reading`).
+  the pressure q is constant in cells, and minimises the sum of all terms with q.
+- t_e is the mean of t over a side; f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction bounds
+  and gaps that are not linear between nodes add terms like those of t (:mod:`vemcvx.bound.reading`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ SPATIAL_FACTOR = 7.0  # The factor in s, for the stabilisation in space
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
-    """The geometry of cells, and of sides (edges or faces): f inner sides and b outer sides."""
+    """The geometry of cells, of f inner sides and of b outer sides."""
 
     inner: Ints  # (f, 2) the cells of inner sides
     inner_normals: Floats  # (f, dim) unit normals from the first cell to the second
@@ -66,14 +66,14 @@ class MeshSides:
     outer: Ints  # (b,) the cells of outer sides
     normals: Floats  # (b, dim) outward unit normals
     sizes: Floats  # (b,) lengths or areas
-    shares: sp.csr_matrix  # (b, n_nodes) int phi_i over each outer side
+    shares: sp.csr_matrix  # (b, n_nodes) integrals of the nodal basis functions over outer sides
     joints: Joints  # interfaces of two bodies
     numbers: Callable[[Ints], Ints]
-    """function from edges (k, 2), faces (k,), or sides in `ContactRows.names` (k, 2), to their positions in `outer`"""
+    """returns positions in `outer` of edges (k, 2), of faces (k,), or of sides (k, 2) as in `ContactRows.names`"""
     corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)
     edges: tuple[Ints, Ints]  # (e,) cells, and (e, 2) the ends of their edges
     arms: tuple[Ints, Floats]
-    """(k,) cells, and (k, dim, dim) vectors from the centroid to the other corners of simplices that form the cell"""
+    """simplices that form the cells: their cells (k,), and vectors (k, dim, dim) from centroids to their corners"""
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
         """Return the widths of cells (k,) along vectors (k, dim) of any length."""
@@ -97,7 +97,6 @@ class Residuals:
         self.sides = sides = _in_space(posed, mesh) if isinstance(mesh, PolyhedralMesh) else _in_plane(posed)
         elastic = elastic_matrix(posed.material.moduli, space.dim)
         self.compliance = np.asarray(np.linalg.inv(elastic))
-        # Take mu as half the harmonic mean of the Kelvin moduli of deviatoric strains.
         self.shear, self.sizes = 0.5 * mean_shear(elastic), extents(*sides.arms)
         one, two = (sides.depths(cells, sides.inner_normals) for cells in sides.inner.T)
         mu = 0.5 * self.shear[sides.inner].sum(axis=1)
@@ -116,7 +115,6 @@ class Residuals:
         sigma += 0.0 if posed.prestress is None else posed.prestress.stress(now.t)
         missed, data = posed.material.stabilisation_energies(posed.space, now.u), self.data(now, strain)
         if not posed.space.in_plane:
-            # S_K = tau h_K sum |(I - Pi) u|^2 becomes a mean over vertices, with |K|^{1/3} in place of h_K.
             counts = np.diff(self.sides.corners[0])
             missed *= SPATIAL_FACTOR * np.cbrt(self.mesh.measures) / (self.mesh.diameters * counts)
             q = self._pressures(sigma, now)
@@ -135,7 +133,6 @@ class Residuals:
         }
 
     def _jump(self, sigma: Floats) -> Floats:
-        """Return the jumps (f, dim) of tractions on inner sides."""
         one, two = self.sides.inner.T
         return tractions(sigma[one] - sigma[two], self.sides.inner_normals)
 
@@ -148,7 +145,7 @@ class Residuals:
         return np.asarray(np.einsum("bij,bj->bi", self.free, force - stress))
 
     def _along(self, u: Floats, strain: Floats) -> Floats:
-        """Return the sums of |K| / l_e E / (3 2^(dim - 1)) |eps_ss(u) - eps_ss(Pi u)|^2_e over edges, (n_cells,)."""
+        """Return the sum over edges in the formula of eta_K^2, (n_cells,)."""
         (cell, ends), dim = self.sides.edges, u.shape[1]
         along, moved = np.diff(self.mesh.points[ends], axis=1)[:, 0], np.diff(u[ends], axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
@@ -160,16 +157,14 @@ class Residuals:
         section = self.mesh.measures[cell] / self.sides.depths(cell, unit)
         return totals(cell, section * young / (3.0 * 2.0 ** (dim - 1)) * missed**2 * length, len(strain))
 
-    # The pressure q in space.
-
     @property
     def _expansions(self) -> Floats:
-        """The squares (n_cells,) |I|^2_K in C^{-1}."""
+        """The integrals of I : C^{-1} I over cells, (n_cells,)."""
         dim = self.posed.space.dim
         return self.mesh.measures * self.compliance[:, :dim, :dim].sum(axis=(1, 2))
 
     def _pressures(self, sigma: Floats, now: Instant) -> Floats:
-        """Return q (n_cells,) with the accuracy 1e-3, which suffices because any q is admissible."""
+        """Return q (n_cells,). A low accuracy suffices, because the estimate holds with any q."""
         from scipy.sparse.linalg import lsmr
 
         roots, borne, units = self._pressure_problem
@@ -179,8 +174,7 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The least-squares problem for q: roots (f + b,) of the weights, matrix in scaled unknowns, their scales."""
-        # Bilateral contact exerts opposite normal forces on both bodies: see :meth:`Joints.normal_forces`.
+        """The least-squares problem for q: root weights (f + b,) of rows, matrix with scaled columns, column scales."""
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))
         one, other = joints.first[joints.bonded], joints.second[joints.bonded]
@@ -201,7 +195,7 @@ class Residuals:
     # Forces (b, dim) on outer sides.
 
     def contact(self, now: Instant) -> Floats:
-        """Return the forces of friction and pressure, on both bodies of an interface."""
+        """Return the contact forces (b, dim); an interface has sides on both bodies."""
         terms, obstacles = self.posed.terms, self.posed.obstacles
         friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
         force = self._on_sides(terms, friction)
@@ -221,7 +215,7 @@ class Residuals:
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
         """Return the forces (b, dim) on sides, given the forces per area (m, dim) of rows."""
-        # Where supports hold a node of an interface, it has no row, and the values at other nodes of the side are used.
+        # A node that supports hold may have no contact row: the forces at other nodes of its side are scaled up.
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])
@@ -231,7 +225,6 @@ class Residuals:
         return force
 
     def _springs(self, u: Floats) -> Floats:
-        """Return the forces of springs, on sides with springs at all corners."""
         springs, force = self.posed.springs, np.zeros(self.sides.normals.shape)
         if springs is None:
             return force
@@ -242,8 +235,6 @@ class Residuals:
         pull = -(springs @ u.ravel()).reshape(u.shape) / np.where(share > 0, share, 1.0)[:, None]
         force[sprung] = shares[sprung] @ pull
         return force
-
-    # Data.
 
     @cached_property
     def _reader(self) -> Reader:
@@ -316,7 +307,6 @@ def _in_space(posed: PosedScene, mesh: PolyhedralMesh) -> MeshSides:
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, outer))
     side = np.concatenate([np.repeat(numbers(group.faces), group.nodes.shape[1]) for group in groups])
     nodes, shares = (np.concatenate([getattr(group, name).ravel() for group in groups]) for name in ("nodes", "shares"))
-    # List the faces of all cells, oriented outwards, and find the cell of each corner of a face.
     rows, vertices, cells = list_faces(mesh.faces)
     cell, after = cell_of_corner(cells)[cell_of_corner(rows)], vertices[next_corner(rows)]
     edges = np.unique(np.column_stack([cell, np.sort(np.column_stack([vertices, after]), axis=1)]), axis=0)

@@ -15,12 +15,12 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: without Pardiso, the default for up to two million unknowns in the plane.
+    """Sparse LU with diagonal pivots. Without Pardiso, this is the default in the plane up to two million unknowns.
 
     Attributes
     ----------
     largest_in_space : int
-        In space, this solver is the default up to this number of unknowns; its factors then take 8 GB.
+        In space, this solver is the default up to this number of unknowns, for which the factors take 8 GB.
 
     Examples
     --------
@@ -42,7 +42,7 @@ class SuperLU(LinearSolver):
 
 
 class SuperLUFactor(Factor):
-    """Factors K = L U, in a given order or by minimum degree; `schur` (m, m) is L_cc U_cc of the last m unknowns."""
+    """Factors of K, in a given order or by minimum degree; `schur` is the Schur complement of the last m unknowns."""
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
@@ -58,20 +58,19 @@ class SuperLUFactor(Factor):
         self.schur = self._schur_complement(m)
 
     def _schur_complement(self, m: int) -> Floats:
-        """Return the Schur complement (m, m) of the factors; raise SceneError if K is not positive definite.
+        """Return L_cc U_cc for the last m unknowns c; raise SceneError if K is not positive definite.
 
-        By Sylvester's law of inertia, the pivots of K = L D L' have the signs of the eigenvalues. K is not positive
-        definite if a pivot left the diagonal, or is at most the rounding error of the entry K_ii in its row. If K is
-        A plus the stiffness of k anchors, and A has k kernel motions, then A is semidefinite (Haynsworth 1968).
+        By Sylvester's law of inertia, the pivots D of K = L D L' have the signs of the eigenvalues of K. A pivot must
+        stay on the diagonal, and exceed the rounding error of the entry K_ii. If K = A + (stiffness of k anchors), and
+        A has k kernel motions, then A is semidefinite (Haynsworth 1968).
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
         if not np.array_equal(self._lu.perm_r, place) or not (EPS * diagonal < D).all():
             raise singular_matrix_error()
-        # The solver may renumber within its elimination tree, which permutes L and U but changes no entry.
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # SciPy keeps the copies L and U that it returned, which are as large as the factors: empty them.
+        # Empty L and U to free memory: SciPy keeps these copies of the factors.
         for kept in (L, U):
             kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)
@@ -85,10 +84,8 @@ class SuperLUFactor(Factor):
 
 
 def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
-    """Return SuperLU's order (n,) of K by minimum degree, for matrices without coordinates.
-
-    The order comes from an incomplete factorisation without fill. The dominant diagonal keeps every pivot positive.
-    """
+    """Return an elimination order (n,) of K by minimum degree."""
+    # An incomplete factorisation without fill gives the order cheaply; with a dominant diagonal it cannot fail.
     pattern = sp.csc_matrix(K, copy=True)
     pattern.data[:] = 1.0
     dominant = pattern + K.shape[0] * sp.eye_array(K.shape[0], format="csc")
@@ -96,10 +93,10 @@ def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
 
 
 def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
-    """Return an order (n,), separators last, for a symmetric `graph` (n, n) with its vertices at `points` (n, dim).
+    """Return an elimination order (n,) of a symmetric matrix with this graph: both halves, then their separator.
 
-    On each level, each part is halved along its longest axis; `part` has one bit per level. The separator of a level
-    contains the vertices of upper halves with neighbours in lower halves, except vertices of earlier separators.
+    On each level, each part is halved along its longest axis. The separator of two halves contains the vertices of the
+    upper half with neighbours in the lower half, except vertices of earlier separators.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)
@@ -112,12 +109,12 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut join the upper half unless this would empty the lower half. So grid lines are separators.
+        # Vertices at the cut join the upper half unless this would empty the lower half. `part` has one bit per level.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # A separator gets the number of the last part that it separates. The order is: part, finer separators, separator.
+    # Sort by parts; after the last part that a separator separates come the finer separators, then this separator.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -2,8 +2,8 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected in the same way, until no edge has a node inside (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
-If several edges are longest, the numbers of their nodes determine the choice. Coinciding nodes at an interface have one
-number here, so neighbours choose the same edge.
+If several edges of a cell are longest, the numbers of their nodes decide. For this decision, coinciding nodes at an
+interface have the same number, so that cells on both sides of the interface choose the same edge.
 
 *Other cells* are split into one part per vertex. The parts have the vertices of the cell, the midpoints of its edges,
 the centroids of its faces, and its own centroid. The new faces must be plane.
@@ -38,11 +38,11 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face of a tetrahedron, in the order of `FACES`
-ALL_DIRECTIONS = 3  # number of bisections that halve a tetrahedron in every direction
+ALL_DIRECTIONS = 3  # number of successive bisections: they divide the volume of a tetrahedron by 8
 
 
 def refine_mesh(mesh: Any, cells: ArrayLike | None) -> Any:
-    """Return the mesh with some cells split: see :meth:`vemcvx.PolygonMesh.refine`."""
+    """Return the refined mesh: see :meth:`vemcvx.PolygonMesh.refine`."""
     marked = check_marks(cells, mesh.n_cells)
     if not marked.any():
         return mesh
@@ -77,7 +77,7 @@ class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection, with their origins."""
 
     corners: Ints  # (n, 4) the first three run counter-clockwise, seen from the fourth
-    parts: Ints  # (n, 4) position of the old boundary face opposite to each corner; -1 if there is none
+    parts: Ints  # (n, 4) index of the original boundary face that contains the face opposite to each corner, or -1
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections that led from the original cell to this one
 
@@ -95,14 +95,14 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the corners (n, 2) of the longest edge of each cell; for equal lengths, node numbers decide."""
+        """Return the two local corners (n, 2) of the longest edge of each cell."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
         return EDGES[np.lexsort((keys, squared))[:, -1]]
 
     def cut(self, chosen: Bools, at: Ints, middle: Ints) -> Tetrahedra:
-        """Bisect the chosen cells at the nodes `middle` (k,) of the edges between their corners `at` (k, 2)."""
+        """Bisect the k chosen cells: the node `middle` (k,) halves the edge between the corners `at` (k, 2)."""
         some, row = Tetrahedra(*(values[chosen] for values in self)), np.arange(len(at))
         halves = []
         for kept, left in (at.T, at.T[::-1]):
@@ -115,7 +115,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMesh:
-    """Bisect the marked cells (n_cells,) at least `cuts` times, and other cells until no edge has a node inside."""
+    """Bisect marked cells (n_cells,) at least `cuts` times; then bisect cells until no edge has a node inside."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():
@@ -140,7 +140,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMe
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the value of each boundary face; `listed` has the values of all faces of each cell."""
+    """Return the values on boundary faces, from values on the faces of all cells."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
@@ -159,7 +159,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> PolyhedralMesh:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # The part at a vertex v has a quadrilateral in each face at v, and an inner quadrilateral for each edge at v.
+    # The part at a vertex v has one quadrilateral in each face with v, and one across each edge with v.
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

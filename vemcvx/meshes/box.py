@@ -49,7 +49,7 @@ class Box:
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int) -> list[Floats]:
-        """Return count + 1 coordinates for each axis."""
+        """Return, for each axis, the coordinates of the ends of `count` equal intervals."""
         ends = zip(self.low, self.high, counts, strict=True)
         return [np.linspace(low, high, count + 1) for low, high, count in ends]
 
@@ -82,7 +82,7 @@ def check_whole(name: str, value: Any, least: int = 1) -> int:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the number of cells along each axis; cells are `stretch` times as wide as squares, `each` in a square."""
+    """Return the number of cells along each axis, for cells that are `stretch` times as wide as squares."""
     if (isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
         if len(n) != len(names):
@@ -96,7 +96,7 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """Return the number of cells along each axis before rounding; n is the number along the shortest side."""
+    """Return the number of cells along each axis before rounding; n cells lie along the shortest side."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"give either n (cells along the shortest side) or size= (the width of a cell); got {both}.")
@@ -129,7 +129,7 @@ T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name, or raise MeshError if it is not allowed; `what` describes the named object in messages."""
+    """Return the name, or raise MeshError if it is not allowed."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":
@@ -182,6 +182,6 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
-    """Return values as an array; if that is impossible, an empty array of objects, which every check refuses."""
     array = plain(values)
+    # No check accepts an empty array of objects.
     return np.empty(0, dtype=object) if array is None else array

@@ -1,8 +1,8 @@
 """Results at any points of the body.
 
-The computed displacement u_h is linear on edges between their nodes, and piecewise linear on faces of polyhedra. Inside
-a cell u_h is unknown, and its projection Pi u_h of (3.11) replaces it. Fields that are constant on cells are averaged
-over all cells that contain the point. In the plane, a point lies on a side if their distance is a rounding error.
+The computed displacement u_h is linear on edges, and piecewise linear on faces of polyhedra. Inside a cell, the linear
+projection Pi u_h, (3.11) of the paper named in :mod:`vemcvx`, replaces u_h. Fields that are constant on cells are
+averaged over all cells that contain the point.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from vemcvx.vem.points_in_solids import solid_places
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and sides that contain p points: k pairs of a point and a closed cell that contains the point."""
+    """The cells and cell sides in the plane that contain p points, with k pairs (point, cell that contains it)."""
 
-    points: Ints  # (k,) the number of the point of each pair, in increasing order
-    cells: Ints  # (k,) the number of the cell of each pair; the cells of one point are in increasing order
-    starts: Ints  # (p,) the first node of the side on which a point lies; -1 inside cells and outside the mesh
-    ends: Ints
+    points: Ints  # (k,) the point of each pair, ascending
+    cells: Ints  # (k,) the cell of each pair, ascending for each point
+    starts: Ints  # (p,) the first node of the side that contains each point; -1 inside cells and outside the mesh
+    ends: Ints  # (p,) the second node of this side
     along: Floats  # (p,) the fraction of this side before the point, 0 ... 1
 
 
@@ -49,7 +49,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:
-        # A point on an interface belongs to the first body, unless only cells of second bodies contain it.
+        # A point on an interface belongs to cells of its first body, if such cells contain the point.
         seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
         second = np.isin(pairs, on[np.isin(a[s] * mesh.n_nodes + b[s], seconds)])
         kept = ~(second & np.isin(pairs // mesh.n_cells, pairs[~second] // mesh.n_cells))
@@ -64,7 +64,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The matrices from values at nodes, or on cells, to values at p points of a body."""
+    """The matrices (p, n_nodes) and (p, n_cells) that map values at nodes and on cells to values at p points."""
 
     nodes: sp.csr_matrix
     cells: sp.csr_matrix
@@ -75,7 +75,7 @@ class Places:
 
 
 def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
-    """Return the places of points (p, dim); raise SceneError, about `subject`, if a point is outside the body."""
+    """Return the matrices of points (p, dim); raise SceneError if a point is outside the body."""
     dim = mesh.points.shape[1]
     wanted = f"points (p, {dim}), one per row, such as {[[0.5] * dim]}"
     x = finite(as_real_array(points, subject, wanted), subject)
@@ -98,7 +98,6 @@ def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
 
 
 def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return two matrices that map values at nodes, and values on cells, to values at the points x (p, 2)."""
     found = locate(mesh, x)
     shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
     cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))

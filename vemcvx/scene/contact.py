@@ -1,4 +1,4 @@
-"""The terms of contact and friction: limits and norm terms over all nodal values, and the law of their weights."""
+"""The limits of contact and the norm terms of friction, over all nodal values."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ from vemcvx.scene.rows import (
 from vemcvx.scene.supports import Supports
 from vemcvx.vem.projection import tangents_of
 
-# A node on a contact boundary is a contact node in four cases: (1) its tangent is free; (2) its normal is free (on the
-# axis of a half model, where a support holds the tangent); (3) contact holds its normal, and a support its tangent; (4)
-# it is dragged against friction (`Freedom`). A normal contact force is a reaction along a normal that contact holds,
-# or that one support alone holds (a moving obstacle). :mod:`.supports` defines A, H, P and the reactions R.
+# A node on a contact boundary is a *contact node* if one of four conditions holds. (1) The node can slide along the
+# boundary. (2) The node can move along the normal. This occurs on the axis of a half model, where a support holds the
+# tangent. (3) Contact holds the normal, and a support the tangent. (4) A support or the ground drags the node against
+# friction. The reaction along the normal is a contact force if contact holds the normal, or if a support holds only the
+# normal (a moving obstacle). :mod:`.supports` defines A, H, P and the nodal reactions R.
 Moving = Callable[[float], Floats]
-"""t -> displacements (k, dim) of the ground under k rows, or components of these displacements along tangents."""
+"""t -> motion (k, dim) of the ground under k rows, or its components along tangents"""
 
 
 class Freedom(NamedTuple):
-    """The freedom that supports leave to contact rows, as arrays (k,)."""
+    """The motions that supports permit at contact rows, as arrays (k,)."""
 
     slides: Bools  # True if some free unknown moves the node along the boundary
-    dragged: Bools  # True if a tangent is held, and a support or the ground moves along the boundary
-    normal_only: Bools  # True if all tangents are held, but there is a pressure: the normal is free or held by contact
+    dragged: Bools  # True if supports hold a tangent, and the support or the ground moves along the boundary
+    normal_only: Bools  # True if supports hold all tangents, and the normal is free or held by contact
 
 
 def _freedom(
     rows: ContactRows, tangents: Floats, supports: Supports, times: Sequence[float], ground: Moving | None = None
 ) -> Freedom:
-    """Return the freedom of rows along `tangents` (k, dim - 1, dim), over a moving `ground` if there is one."""
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
-    # Eigenvalues (k, dim - 1), ascending, of B_i B_i' for each row i; the first is zero if a tangent is held.
+    # With the rows B_i of B at contact row i, the least eigenvalue of B_i B_i' is zero if supports hold a tangent.
     parts = [B[axis::per] for axis in range(per)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -73,14 +73,13 @@ def _freedom(
 
 
 def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
-    """Return a mask (k,) of the rows whose node can move along the normal."""
     return np.diff(supports.on_free(rows.normal_rows(supports.points)).indptr) > 0
 
 
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Mark rows (k,) whose `slip` changes during `times`; if `times` is empty, all whose nodes or ground move."""
+    """Mark rows (k,) whose `slip` changes during `times`; without times, rows whose node or ground can move."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -92,23 +91,23 @@ def _find_dragged(
             size = max(np.abs(at).max(), np.abs(start).max())
             dragged |= (np.abs(at - start) > DRAG_ROUNDING * size).reshape(len(rows), -1).any(axis=1)
     except VemcvxError:
-        return np.ones(len(rows), dtype=bool)  # The step that needs the datum raises the error.
+        return np.ones(len(rows), dtype=bool)  # The step that evaluates these data raises the error.
     return dragged
 
 
 def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """Return g (k, n_u): under reactions R, the contact force of a row is -g . R; g is 0 without such a force."""
+    """Return rows g (k, n_u) such that -g . R is the normal contact force under nodal reactions R, or zero rows."""
     entries, places = _match_normals(rows, supports)[1:]
     return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask (k,) of rows whose normal only contact holds, and the rows of A with normal contact forces."""
+    """Return a mask of rows whose normals are held by contact alone, and entries that select normal forces in A."""
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
     contact = repeat_by_row(supports.given, [support.contact for support in supports.given])[holds].astype(bool)
     nodes, partners = nodes[holds], partners[holds]
-    # Match each row with the rows of A at its node, or at its node and partner in either order.
+    # Match each contact row with the rows of A at its node, or at its node and partner in either order.
     wanted, known = (
         pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
         for pair in ((rows.nodes, rows.partners), (nodes, partners))
@@ -117,36 +116,35 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
-    # Count the rows of A at the site of each row, and the rows of contact among these.
+    # Count the rows of A at the site of each contact row, and those rows of A that come from contact.
     site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
     count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
     held_by_contact[row[contact[col]]] = True
     takes = contact[col] | (count[row] == 1)
-    # A corner node that contact alone holds fully is not a contact node.
+    # A corner node that contact holds in several directions is not a contact node.
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node, normal and kind (`_kinds`) form one term, whose weight is the sum of their weights.
-# Over nodal values, the matrix of the terms is B^; over free unknowns it is B = B^ P. Terms with zero rows in B come
-# last. They are kept if a support or the ground makes the node slip, or if a pressure is to be reported.
+# Friction rows with the same node, normal and kind (`_kinds`) form one term; the weight of the term is the sum of the
+# weights of these rows. The matrix of the terms is B^ over nodal values u, and B = B^ P over free unknowns.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
-    """The norm terms of a posed scene, over all nodal values; `normals` are orthogonal to their tangents."""
+    """The norm terms of a posed scene, over all nodal values. The first `acting` terms depend on free unknowns."""
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the components along `tangents`
-    tangents: Floats  # (m, dim - 1, dim) orthonormal; with given `directions` in space, the second one is 0
+    tangents: Floats  # (m, dim - 1, dim) orthonormal; a given direction in space is followed by a zero vector
     directed: Bools  # (m,) True if the friction has given `directions`
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) sums rows to terms; rows are listed friction by friction
-    acting: int = 0  # number of terms that some free unknown moves; they come first
+    acting: int = 0  # number of terms that some free unknown moves
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
-    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the same motion as vectors
-    press: sp.csr_matrix | None = None  # (rows, r) fraction of each limit's force on each row; None without laws
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion `ground` as vectors
+    press: sp.csr_matrix | None = None  # (rows, r) fractions of limit forces that act on rows; None without laws
 
     def weights(self, t: float) -> Floats:
-        """Return the weights (m,) at the instant `t`, without the weights of laws, which depend on the solution."""
+        """Return the given weights (m,) at the instant `t`, without weights that follow laws."""
         at, own = f"weights at t = {t:.6g}", self.frictions
         each = (read_weights(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
@@ -162,7 +160,7 @@ class Terms(ContactRows):
         return self.rows[: self.acting * self.block]
 
     def norms(self, supports: Supports) -> Norms | None:
-        """Return the terms that some free unknown moves; None if there are none."""
+        """Return the acting terms; None if there are none."""
         m, block, ground = self.acting, self.block, self.ground
         if m == 0:
             return None
@@ -176,7 +174,7 @@ class Terms(ContactRows):
         )
 
     def immovable_terms(self, supports: Supports) -> DraggedTerms | None:
-        """Return the terms that no free unknown moves; None if there are none."""
+        """Return the terms that are not acting; None if there are none."""
         m, block, ground = self.acting, self.block, self.ground
         if m == len(self):
             return None
@@ -191,7 +189,7 @@ class Terms(ContactRows):
         )
 
     def law_of(self, some: slice) -> Law | None:
-        """Return the law of `some` terms: weights as functions of their slip and of the forces p (r,) on all limits."""
+        """Return the law of these terms; None if no friction has a law."""
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
@@ -228,7 +226,7 @@ def _friction_terms(
     times: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """Return the friction terms that can slip, are dragged or have a pressure; `table` has the friction rows."""
+    """Return the terms of all friction rows (the `table`) that slide, are dragged, or have `normal_only`."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.tangents for f in frictions)])
@@ -259,25 +257,23 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each row: frictions of one kind have the same ground, and alike `directions`."""
+    """Return the kind of each row: rows of one kind have one ground, and in space all or none `directions`."""
     kinds = [(f.ground and id(f.ground.value), f.directions is not None and not f.in_plane) for f in frictions]
     return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
 
 def _ground_motion(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
-    """Return the motion (k, dim) of the ground under these `rows`, numbered over all frictions in turn."""
     each = [np.zeros(f.normals.shape) if f.ground is None else f.ground.vector(t) for f in frictions]
     return np.concatenate(each)[rows]
 
 
 def _since(tangents: Floats, moved: Moving, times: Sequence[float]) -> Moving:
-    """Return the motion along the tangents since the first of `times`."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
-    """Raise SceneError if two terms include the same edge, but their grounds move differently."""
+    """Raise SceneError if frictions with different grounds share an edge."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
         owner = repeat_by_row(frictions, range(len(frictions)))
@@ -289,7 +285,7 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
 def warn_of_free_normals(
     frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
 ) -> None:
-    """Warn of friction where nothing holds the body along the normal; usually an effect of contact was forgotten."""
+    """Warn if nothing holds the body along the normal of a friction boundary: a contact effect may be missing."""
     sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
     stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
@@ -309,15 +305,15 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes (the four cases above), ascending, one row per node; at corners with means of normals."""
+    """The contact nodes, ascending, one row per node; the normal of a corner node is the mean of its normals."""
 
-    normal_reaction: sp.csr_matrix  # (m, n_u) g: the contact force is -g . R, with reactions R of supports and contact
+    normal_reaction: sp.csr_matrix  # (m, n_u) rows g: the normal contact forces are -g . R for nodal reactions R
 
 
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact surface, from all m rows of the table; `moves` (m,) is True for rows on moving ground."""
+    """Return the contact nodes of the table; `moves` is True for rows on moving ground."""
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
     held = _freedom(every, tangents_of(every.normals), supports, times)
@@ -334,18 +330,18 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# Rigid obstacles with the same node and normal form one limit, with the smallest gap and all edges of these obstacles.
-# Each row of a compliant obstacle is a separate limit.
+# Rigid obstacles with the same node and normal form one limit, whose gap is the least of their gaps. Each row of a
+# compliant obstacle is a separate limit.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene, one per row."""
 
-    rows: sp.csr_matrix  # (r, n_u) D^, unit normals
+    rows: sp.csr_matrix  # (r, n_u) the matrix D^ of displacements, or jumps, along unit normals
     compliance: Floats
     rates: Bools  # (r,) limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
-    subjects: tuple[str, ...] = ()  # the effects that contribute them, in words
-    prescribed: Obstacles | None = None  # rows without free unknowns, which are no limits
+    subjects: tuple[str, ...] = ()  # descriptions of the obstacles, for messages
+    prescribed: Obstacles | None = None  # rows of obstacles whose normal displacement supports prescribe
 
     def limits(self, supports: Supports) -> Limits | None:
         """Return the limits over the free unknowns; None if there are none."""
@@ -357,7 +353,6 @@ class Obstacles(ContactRows):
 
 
 def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
-    """Return the limits of all obstacles, from their rows in the `table`, at nodes that can move."""
     points = supports.points
     each = (read_finite(o.compliance, len(o.nodes), f"{o.subject}: compliance") for o in obstacles)
     compliance = np.concatenate([np.zeros(0), *each])
@@ -393,7 +388,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the matrix that distributes forces of limits (r,) over the friction rows whose laws depend on pressure."""
+    """Return the matrix from forces of limits (r,) to the pressures that the laws of friction rows read."""
     if all(f.law is None for f in frictions):
         return None
     reads = repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
@@ -410,7 +405,7 @@ def _pressures(
 
 
 def find_missing_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
-    """Return a sentence for each interface on which none of `parts` joins the two bodies."""
+    """Return a warning for each interface on which no part connects the two bodies."""
     nodes, partners = pairs_of(parts)
     met = nodes[partners >= 0]
     return [
@@ -428,7 +423,7 @@ def pose_contact(
     supports: Supports,
     times: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
-    """Return the friction terms, the limits of obstacles and the reported contact surface, from one table of rows."""
+    """Return the terms of friction, the limits of obstacles, and the contact nodes."""
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)
     rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)

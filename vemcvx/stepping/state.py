@@ -1,32 +1,33 @@
-"""The data of a run and of an instant, the state after a step, and its ledger of energies.
+"""The data of a run and of an instant, the state after a step, and the ledger of energies of the state.
 
-The ledger of a step has the entries below. The letter d marks a change in the step. Norm terms have the forces lam,
-limits the forces p and the compliances c. The motion of supports minus the motion of the ground, measured like a slip,
-is h, and g = e - D^u_D is the gap at y = 0, with the rows D^ of limits on u.
+The displacement u = P y + u_D(t) has the unknowns y and the part u_D that supports prescribe. The letter d marks the
+change of a quantity in a step, and n its value at the end of the step. Norm terms have the slips s_i, weights w_i and
+forces lam_i. Limits D^u <= e have the forces p, the compliances c and, at y = 0, the gaps g = e - D^u_D. The slip that
+supports and the ground cause at y = 0 is h. The ledger of a step has
 
-energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
-work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg
-           (forces and reactions at the end of the step; the load excludes the Dirichlet force)
+energy E = 1/2 a(u, u);  soft limits add c p^2 / 2
+work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg,  where the load excludes the Dirichlet force
 loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
-identity   work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2)  in a step with a balanced answer; z = D^u - e.
 
-Contact nodes whose motion supports prescribe are not in the program. Their slip s is the change of h; they add w |s| to
-the loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate
-b(du, du) / k, and supports that move against dashpots do the work b(du, du_D) / k.
+If the answer is balanced, work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2) with z = D^u - e.
 
-These sums are of first order in the length of steps. Of second order are
+Contact nodes whose motion supports prescribe are not in the program. They have the slip s = dh, and add w |s| to the
+loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate b(du, du) / k,
+and supports that move against dashpots do the work b(du, du_D) / k.
+
+The errors of loss and work are of first order in the length of steps. Of second order are the errors of
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
 
-If supports move a body far and strain it little, the terms of the energy cancel. So a state u = u_m + P q is split into
-the response u_m to the supports alone and the rest P q. With m = P'A u_D,
+If supports move a body far and strain it little, the terms of the energy cancel. So a state is split: u = u_m + P q,
+where u_m is the response to the supports alone. With K = P'A P, the matrix A of a(u, v), and m = P'A u_D,
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
     E = 1/2 a(u_m, u_m) + 1/2 q'Kq,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
-with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, x_m solves
-(K + K_a) x_m = -m with the stiffness K_a of anchors, and a(u_m, Pv) = -v'K_a x_m.
+with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, anchors
+(:mod:`vemcvx.program.kernel`) add the stiffness K_a: then (K + K_a) x_m = -m, and a(u_m, Pv) = -v'K_a x_m.
 """
 
 from __future__ import annotations
@@ -50,14 +51,14 @@ from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding error of |u|_a = sqrt(2 E), relative to the root of the largest term of E; terms may cancel."""
+"""Rounding error of |u|_a = sqrt(2 E), relative to the square root of the largest term in the sum E."""
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Range of energy norms. Outside this range, squares of norms, or the much smaller gaps, overflow or underflow."""
+"""Range of energy norms. Outside this range, squares of norms overflow, or certified gaps underflow."""
 
 
 def check_norm(norm: float, t: float) -> float:
-    """Return the energy norm of a step's data; raise SceneError if its square is close to overflow or underflow."""
+    """Return the energy norm of a step's data; raise SceneError if it is out of range."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
@@ -69,7 +70,7 @@ def check_norm(norm: float, t: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class StepData:
-    """The data of a system at an instant, on the unknowns that states store."""
+    """The data of a system at an instant. Forces are condensed to the unknowns that states store."""
 
     t: float
     force: Reduced  # load minus Dirichlet force
@@ -112,12 +113,12 @@ class PreparedRun:
     """The data that all steps of a run share."""
 
     system: System
-    elastic: Frame  # the frame without damping; states store the unknowns of this frame
+    elastic: Frame  # the system without damping; states store its unknowns
     solver: Solver
     check: bool
-    default: bool  # True if the solver was not given: an answer at the rounding floor is then accepted
+    default: bool  # True for the default solver, whose answers at the rounding floor are accepted
     condense: bool
-    viscous: dict[str, Frame] = field(default_factory=dict)
+    viscous: dict[str, Frame] = field(default_factory=dict)  # by step length, as a string
 
     @property
     def condensation(self) -> Condensation:
@@ -135,7 +136,7 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k: K + C / k replaces K, and compliances of dashpots depend on k."""
+        """Return the frame of steps of length k, with K + C / k in place of K."""
         system, key = self.system, f"{k:.11e}"
         if not system.is_viscous or k == 0.0:
             return self.elastic
@@ -145,14 +146,14 @@ class PreparedRun:
             if limits is not None:  # Compliances of limits on velocities become displacement per force.
                 limits = replace(limits, compliance=np.where(limits.rates, k, 1.0) * limits.compliance)
             alone = replace(system, K=K, damping=None, motion=None, limits=limits)
-            self.viscous.clear()  # Factors are large: keep one step length.
+            self.viscous.clear()  # Factors are large: keep the frame of one step length only.
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
         return self.viscous[key]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ledger:
-    """Energy at an instant, cumulative dissipation and work, and the energy norm |u|_a."""
+    """The energy at an instant, and the dissipation and work since the beginning of the run."""
 
     energy: float = 0.0
     dissipated: float = 0.0
@@ -174,10 +175,10 @@ class State:
 
     t: float
     y: Floats  # the stored unknowns
-    unbalanced: Floats  # load - K y on the stored unknowns, which norm terms, limits and dashpots balance
+    unbalanced: Floats  # load - K y on the stored unknowns: the force that norm terms, limits and dashpots balance
     data: StepData
     weights: Floats  # (terms,) weights of the step that ended here
-    bound: Floats  # (terms,) weights for the slips at the end of the step
+    bound: Floats  # (terms,) weights for the accumulated slips at the end of the step, if laws read slips
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the step that ended here
@@ -185,7 +186,7 @@ class State:
     certificate: Certificate
     ledger: Ledger
     scale: float  # largest energy norm of the states so far
-    size: float = 0.0  # largest energy norm that the data could cause
+    size: float = 0.0  # largest energy norm that the data so far could cause
     iterations: int = 0
     status: str = ""  # status of the solver
     full: Floats | None = None  # (n,) all unknowns, after they are recovered and certified
@@ -200,7 +201,7 @@ class State:
         return self.full
 
     def predict_multipliers(self, t: float, m: int) -> tuple[Floats, Floats]:
-        """Return multipliers (m, block) and (r,) extrapolated linearly in time to the next instant `t`."""
+        """Return lam of the first m terms and p, extrapolated linearly in time to the next instant `t`."""
         before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
         share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
         if share > 0.0:
@@ -213,7 +214,7 @@ class State:
 
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """Recover all unknowns of states that lack the interior unknowns, and certify these states on the full system."""
+    """Return states with recovered interior unknowns, and with certificates of the full system."""
     if not states:
         return []
     condensation, system, accuracy, m = run.condensation, run.system, run.solver.accuracy, run.operators.count
@@ -229,7 +230,6 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
     xi, kept = (np.array(rows).T for rows in ([force.xi for force in forces], [state.y for state in states]))
     y = condensation.complete(xi, kept)
-    # Residuals that are only rounding count as zero; interior unknowns are corrected once if residuals are too large.
     r, rounding = residual(y), condensation.full.rounding(size, np.abs(y))
     energies, floors = np.zeros(len(states)), condensation.full.energies_of_rounding(rounding)
     if (np.abs(r) > rounding).any():
@@ -265,13 +265,13 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 
 
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
-    """Return a(u_m, P z) for a motion z of the retained unknowns: the work of the anchors, zero without anchors."""
+    """Return a(u_m, P z) for a motion z of the retained unknowns; zero without anchors."""
     anchor = condensation.anchor
     return 0.0 if anchor is None else float(z @ (anchor * push.released))
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
-    """Return the ledger after a step with increments d; `given` (terms, block) are the slips due to supports."""
+    """Return the ledger after a step with increments d; supports and ground cause the slips `given`."""
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
     lost, work = dashpot_losses(condensation.system, d, last.t, now.t)
@@ -286,7 +286,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     if condensation.system.reads_rates:
-        between = loss  # The loss depends on the mean rate of the step, and is of second order.
+        between = loss  # Weights at the mean rate of the step give second order.
     return Ledger(
         energy=energy(condensation, after.y, now, after.p),
         dissipated=past.dissipated + float(loss.sum()) + lost,
@@ -300,11 +300,11 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
 
 
 def losses(before: State, after: State) -> tuple[Floats, Floats]:
-    """Return the losses lam . s (terms,) of a step, and the losses with the mean weights of both ends of the step."""
+    """Return the losses (terms,) of a step: lam . s, and (w + w_prev) / 2 |s|."""
     w, loss = after.weights, np.maximum(np.einsum("mb,mb->m", after.lam, after.slip), 0.0)
     if np.array_equal(before.bound, w) and np.array_equal(after.bound, w):
         return loss, loss
-    # Compute |s| as loss / w; use |s| itself if the weight is zero at the end of the step.
+    # Take loss / w for |s|, except where w is zero.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
     mean = 0.5 * (before.bound + after.bound)
     # A term with an infinite weight at either end of the step has no mean weight: keep its loss.
@@ -314,7 +314,7 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
 def evaluate_dragged(
     system: System, span: tuple[float, float], p: Floats, past: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return multipliers (q, block), slips (q, block) and weights (q,) of dragged terms between two instants."""
+    """Return the multipliers, slips and weights of dragged terms in the step between the two instants of `span`."""
     terms, (s, t) = system.dragged, span
     if terms is None:
         return np.zeros((0, system.block)), np.zeros((0, system.block)), np.zeros(0)
@@ -326,7 +326,7 @@ def evaluate_dragged(
 
 
 def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float, float]:
-    """Return the loss of dashpots between two instants, and the work of supports that move against them."""
+    """Return the loss of dashpots between two instants, and the work of supports that move against dashpots."""
     damping, k = system.damping, t - s
     if damping is None or k == 0.0:
         return 0.0, 0.0
@@ -339,7 +339,7 @@ def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float
 
 
 def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """Return the state y (n,) without friction; slips and losses so far come from `past`, by default zero."""
+    """Return the state with unknowns y (n,) and no friction forces; `past` has the slips and losses so far."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)

@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs. A linear solver without elimination may be inexact: it runs only `EASY`."""
+"""Systems for the comparison of runs. Solvers without elimination, which may be inexact, run only `EASY`."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -53,7 +53,7 @@ def _random(*shape: int) -> Floats:
 
 
 def solves(linear: LinearSolver) -> None:
-    """Check solutions for one and several right-hand sides b, and energies: b'K^{-1}b or an upper bound of it."""
+    """Check solutions, and energies that lie between b'K^{-1}b and 2 b'K^{-1}b."""
     K, factor = _factor(linear)
     x = _random(K.shape[0], 2)
     # Inexact solvers stop at relative residuals of 1e-12.
@@ -82,7 +82,6 @@ def refuses_indefinite_matrices(linear: LinearSolver) -> None:
 
 
 def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> None:
-    """Compare a run with the run of SuperLU, condensed and on all unknowns."""
     system = KINDS[kind]()
     for condense in (True, False):
         one, two = _reference(kind, condense), march(system, TIMES, linear=linear, condense=condense)
@@ -93,10 +92,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check solutions, and S (K^{-1})_cc = I for the Schur complement S of a set c, for two elimination orders.
-
-    The set c has none, some or all unknowns. In a chain of 20 unknowns, 0, 1 or 10 uncoupled unknowns are not in c.
-    """
+    """Check that the Schur complement S of a set c of unknowns satisfies S (K^{-1})_cc = I."""
     system, chain = KINDS["friction"](), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)
     assert order is not None
@@ -123,7 +119,6 @@ def refuses_diagonals_with_missing_entries(linear: LinearSolver) -> None:
 
 
 def refuses_indefinite_matrices_with_a_kernel(linear: LinearSolver) -> None:
-    """Check that a K with a kernel and a negative eigenvalue is refused."""
     chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness, motions = np.linalg.eigh(chain)
     kernel = Kernel(np.ones((4, 1)), ("translation",))

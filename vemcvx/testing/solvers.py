@@ -36,15 +36,15 @@ TIMES: Floats = np.linspace(0.0, 1.0, 6)
 
 @dataclass(frozen=True)
 class Instance:
-    """A problem for solvers: a system in time, made on first use."""
+    """A test problem."""
 
     name: str
     make: Callable[[], System]
 
     @cached_property
     def system(self) -> System:
-        """The system; its instants are TIMES."""
-        with suppress_scene_warnings():  # Only friction holds some of the bodies.
+        """The system, posed for the instants TIMES."""
+        with suppress_scene_warnings():  # Scenes warn of bodies that only friction holds.
             return self.make()
 
     @cached_property
@@ -60,7 +60,7 @@ class Instance:
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return a function that makes the paper's block with these effects: clamped if `held`, else under small loads."""
+    """Return a function that makes a block with these effects; if it is not clamped (`held`), its loads are small."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -72,7 +72,6 @@ def block(
 
 
 def _cube(*below: Effect) -> Callable[[], System]:
-    """Return a function that makes a clamped cube with these effects; the load on its top turns about the z axis."""
 
     def pull(x: Floats, t: float) -> Floats:
         size = min(1.0, 4 * t)
@@ -94,7 +93,6 @@ def sliders(block: int, n: int = 6) -> System:
 
 
 def _plain_matrices() -> System:
-    """Return a system of three unknowns, in which rows of B and D have several nonzero entries."""
     K = [[4.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 5.0]]
     norms = Norms([[1.0, -1.0, 0.0], [0.0, 0.6, 0.8]], [0.3, 0.5])
     return System(K, lambda t: [3 * t, -t, 2 * t * (1 - t)], norms, limits=Limits([[1.0, 1.0, 0.0]], [0.4]))
@@ -117,7 +115,7 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""The instances by name. Together they have all features of programs; one K has a kernel."""
+"""The instances by name. Together they have all features of programs, and a K with a kernel."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,7 @@ class Case:
     must_answer: bool
 
     def march(self) -> Trajectory:
-        """Return the trajectory of the solver."""
+        """Return a new trajectory of the solver."""
         return march(self.instance.system, TIMES, solver=self.solver, check=False)
 
     def answer(self, request: Request) -> Answer:
@@ -167,7 +165,6 @@ class Case:
 
 @cache
 def reference(instance: Instance) -> Trajectory:
-    """Return the trajectory of Newton's method at its best accuracy."""
     return march(instance.system, TIMES, solver=Newton(accuracy=1e-12), check=False)
 
 
@@ -183,7 +180,7 @@ def _step(instance: Instance, n: int, condense: bool, solver: Solver) -> Traject
 
 @cache
 def record_requests(instance: Instance) -> tuple[Request, Request]:
-    """Return the first and the last request of a march with the requested accuracy 1e-6."""
+    """Return the first and the last request that a solver receives in a march."""
     seen: list[Request] = []
 
     class Watch:
@@ -193,7 +190,7 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
             seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # If there are no terms, a condensed program has no unknowns.
+    # A condensed program without terms would have no unknowns: it is not condensed.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 
@@ -229,7 +226,6 @@ def answers_within_its_accuracy(case: Case) -> None:
 
 
 def agrees_with_newton_within_both_certificates(case: Case) -> None:
-    """Compare the first and the last step, condensed and on all unknowns; both solvers start from Newton's state."""
     for n in (1, len(TIMES) - 1):
         for condense in (True, False):
             own, ours = _step(case.instance, n, condense, case.solver), newtons_step(case.instance, n, condense)
@@ -238,7 +234,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check f'K^{-1}f / 2 <= target for the force f of the differences between the multipliers and admissible ones."""
+    """Check that the change from the multipliers to admissible ones costs an energy of at most the target."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
@@ -247,7 +243,6 @@ def gives_nearly_admissible_multipliers(case: Case) -> None:
 
 
 def agrees_with_itself_warm_and_cold(case: Case) -> None:
-    """Check that answers agree within both certificates if the solver starts from zero or from its own multipliers."""
     for request, first in zip(record_requests(case.instance), case.answers, strict=True):
         lam, p = request.program.admissible(first.lam, first.p, first.d)
         for begin in (replace(request, lam=0 * lam, p=0 * p), replace(request, lam=lam, p=p)):
@@ -255,7 +250,7 @@ def agrees_with_itself_warm_and_cold(case: Case) -> None:
 
 
 def remembers_no_other_step(case: Case) -> None:
-    """Prepare a solver once, solve the last step and then the first, and compare with newly prepared solvers."""
+    """Check that a prepared solver that solved another step gives the answer of a newly prepared solver."""
     steps = record_requests(case.instance)
     prepared = case.solver.prepare(steps[0].program.operators)
     for request, fresh in zip(reversed(steps), reversed(case.answers), strict=True):
@@ -287,7 +282,7 @@ def does_not_move_without_a_load(case: Case) -> None:
 
 
 def answers_sliders_in_closed_form(case: Case) -> None:
-    """Check sliders of stiffness k and threshold w: u_n = u_{n-1} + (1 - w / |q|)_+ q / k, q = load_n - k u_{n-1}."""
+    """Check that sliders move by (1 - w / |q|)_+ q / k in a step, where q = load_n - k u_{n-1}."""
     components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
     if components is None:
         return

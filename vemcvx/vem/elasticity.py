@@ -1,9 +1,9 @@
 """Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
 
-The form of a cell, (3.13) of the paper named in :mod:`vemcvx`, is |K| eps(Pi u)' C eps(Pi v) + S_K, with the elastic
-matrix C and eps = (e_xx, e_yy, 2 e_xy); docs/theory/virtual_elements.md has its theory. On triangles and tetrahedra
-Pi v = v, and there is no S_K. The stabilisation "shear" uses the smallest eigenvalue of C on deviatoric strains, in
-Kelvin's notation C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
+The form of a cell K is a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + S_K, with the elastic matrix C, the strains
+eps = (e_xx, e_yy, 2 e_xy), and the stabilisation S_K (docs/theory/virtual_elements.md). This is (3.13) of the paper
+named in :mod:`vemcvx`. On triangles and tetrahedra Pi v = v, and S_K = 0. In Kelvin's notation, the elastic matrix is
+C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Return the matrix of a^h, the sum of the forms a_K^h, over all n_u nodal values; it is exactly symmetric.
+    """Return the stiffness matrix over all n_u nodal values, an exactly symmetric sum of the matrices of cells.
 
     Parameters
     ----------
@@ -70,11 +70,9 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
-    """Return the matrix of a^h; `moduli` are Lame's constants, or upper triangles of elastic matrices.
-
-    Cells without a material have no local matrix; if no cell has a material, the matrix is zero.
-    """
+    """Return the stiffness matrix; `moduli` are as in :func:`.tensors.elastic_matrix`, and zero without a material."""
     filled, dim = (moduli != 0.0).any(axis=0), space.dim
+    # Leave out cells without a material, unless no cell has a material.
     filled = filled if filled.any() else np.ones_like(filled)
     blocks, nodes = list[Floats](), list[Ints]()
     for group in space.groups:
@@ -91,17 +89,16 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
-    """Assemble blocks (pairs, dim^2) that couple the vertices of cells; column indices are sorted, without duplicates.
+    """Assemble the matrix over nodal values from blocks (pairs, dim^2), one for each pair (i, j) of vertices of a cell.
 
-    Each array (c, n) of `nodes` has the vertices of c cells. Pairs (i, j) of vertices run array by array and cell by
-    cell, with j fastest.
+    Each array (c, n) of `nodes` has the vertices of c cells. The blocks follow these arrays and cells; j runs fastest.
     """
     keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
     order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
     keys = keys[order]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     rows, columns = np.divmod(keys[first], n_nodes)
-    del keys  # frees a part of the memory in use
+    del keys  # frees memory
     add = sp.csr_matrix((np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(blocks)))
     dim, starts = isqrt(blocks.shape[1]), np.searchsorted(rows, np.arange(n_nodes + 1))
     entries = (add @ blocks).reshape(-1, dim, dim), columns, starts
@@ -109,7 +106,7 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
 
 
 def softest_shear(C: Floats) -> Floats:
-    """Return tau (n_cells,) of the stabilisation "shear": the smallest eigenvalue of C_k on deviatoric strains."""
+    """Return the smallest eigenvalue (n_cells,) of C_k on deviatoric strains: tau of the stabilisation "shear"."""
     return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
@@ -135,7 +132,7 @@ def _deviatoric_moduli(C: Floats) -> Floats:
 
 
 def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
-    """Return the consistent part of a_K^h, |K| eps(Pi u)' C eps(Pi v), as local matrices of c cells with n vertices.
+    """Return the local matrices of |K| eps(Pi u)' C eps(Pi v) for c cells with n vertices each.
 
     Parameters
     ----------
@@ -203,9 +200,9 @@ def strains(space: Space, u: Floats) -> Floats:
 
 
 def rigid_modes(points: Floats) -> Floats:
-    """Return the rigid motions (n_u, 3), in space (n_u, 6): translations along the axes, then rotations.
+    """Return the rigid motions in columns, (n_u, 3) or (n_u, 6): translations along the axes, then rotations.
 
-    The rotation in the plane is (-y, x); the rotations in space are (0, -z, y), (z, 0, -x) and (-y, x, 0).
+    The rotation in the plane is (-y, x). The rotations in space are (0, -z, y), (z, 0, -x) and (-y, x, 0).
     """
     dim = points.shape[1]
     turns = ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1))
@@ -219,5 +216,5 @@ def rigid_modes(points: Floats) -> Floats:
 
 
 def split_motion(mode: Floats) -> tuple[Floats, Floats]:
-    """Return the translation (dim,) and the rotation (1,), in space (3,), of coefficients of rigid modes."""
+    """Split the coefficients of a combination of rigid modes into those of translations and those of rotations."""
     return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])

@@ -1,9 +1,9 @@
 """Stabilisations S_K: energies of u - Pi u, the part of a displacement u that the projection Pi drops on a cell K.
 
-In vertex values S_K is a symmetric matrix S, positive definite on the range of I - Pi; the local matrix contains
-(I - Pi)' S (I - Pi). The patch test holds for any S_K; for stability, (2.9) of the paper named in :mod:`vemcvx`, S_K
-must be comparable to the true energy of (I - Pi) v (docs/theory/virtual_elements.md). S = tau h_K^(dim - 2) I has a
-name for tau = 2 mu ("shear") and for tau = 1 ("unit", as in the paper). Error bounds hold with any S_K.
+For vertex values, S_K has a symmetric matrix S, positive definite on the range of I - Pi. It adds (I - Pi)' S (I - Pi)
+to the local matrix of the cell. The patch test and the error bounds hold for any S_K. The method is stable if S_K is
+comparable to the true energy of u - Pi u, (2.9) of the paper named in :mod:`vemcvx` (docs/theory/virtual_elements.md).
+The stabilisations S = tau h_K^(dim - 2) I have names: "shear" for tau = 2 mu, and "unit", as in the paper, for tau = 1.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ NAMES = ("shear", "unit")
 class Stabilisation(ABC):
     """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
-    A subclass defines `form`. A frozen dataclass is best: it compares, prints and pickles well. `form` receives groups
-    of cells with equally many vertices.
+    A subclass defines `form`. If the subclass is a frozen dataclass, its objects compare, print and pickle well.
 
     Examples
     --------
-    This example is S = mu I, half of "shear". In the plane C[:, 2, 2] is mu (in space C[:, 3, 3]);
-    problems/stabilisations_of_ones_own.py has more examples.
+    The form S = mu I is half of "shear" in the plane, where mu = C[:, 2, 2]; see also
+    problems/stabilisations_of_ones_own.py.
 
     >>> class HalfOfOurs(vx.Stabilisation):
     ...     def form(self, cells, C):
@@ -45,18 +44,18 @@ class Stabilisation(ABC):
         Parameters
         ----------
         cells : CellGroup
-            c cells with n vertices. `cells.corners` (c, n, dim) are coordinates relative to the first vertex of each
-            cell, `cells.vertex_values()` (c, n, n) is Pi in vertex values. `cells.gradients()` returns measures (c,)
-            and |K| G_i (c, n, dim) with grad Pi v = sum_i v_i (x) G_i. For the consistent part of a_K^h see
-            :func:`vemcvx.vem.consistent_blocks`.
+            c cells with n vertices. `cells.corners` (c, n, dim) has coordinates relative to the first vertex of each
+            cell. `cells.vertex_values()` returns the matrices (c, n, n) of Pi for vertex values. With
+            grad Pi v = sum_i v_i (x) G_i for the vertex values v_i, `cells.gradients()` returns the measures |K| (c,)
+            and the vectors |K| G_i (c, n, dim). See also :func:`vemcvx.vem.consistent_blocks`.
         C : (c, 3, 3) array, in space (c, 6, 6)
             Elastic matrices, components as in :mod:`vemcvx.vem.tensors`, force per area.
 
         Returns
         -------
         (c, n, n) array, or (c, n, n, dim, dim)
-            The symmetric S for vertex values of v - Pi v, force per area times h^(dim - 2). S (c, n, n) acts on each
-            component alike. Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+            The symmetric S, force per area times length^(dim - 2). The first shape holds one matrix for all components.
+            Entry (K, i, j, a, b) of the second shape couples component a of vertex i with component b of vertex j.
         """
 
     def describe(self) -> str:
@@ -76,7 +75,7 @@ class VertexWeights(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return the stabilisation of this name for shear moduli mu (n_cells,); return a given stabilisation unchanged."""
+    """Return a named stabilisation, given the shear moduli (n_cells,), or a user's stabilisation unchanged."""
     if isinstance(given, Stabilisation):
         return given
     if given not in NAMES:
@@ -87,7 +86,7 @@ def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation
 
 
 def in_components(form: Floats, dim: int) -> Floats:
-    """Return S as an array (c, n, n, dim, dim); an S (c, n, n) acts on each component alike."""
+    """Return S as an array (c, n, n, dim, dim)."""
     return form if form.ndim == 5 else form[..., None, None] * np.eye(dim)
 
 
@@ -104,7 +103,6 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisa
 
 
 def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: int) -> Floats:
-    """Return S (c, n, n, dim, dim); raise SceneError unless S is a finite symmetric array of the right size."""
     name, (count, n) = stabilisation.describe(), cells.nodes.shape
     failed = f"{name}: its form failed when called with cells of {n} vertices"
     raw = call_function(stabilisation.form, (cells, C), failed, "return a matrix S for every cell")
@@ -125,11 +123,10 @@ def _check_form(stabilisation: Stabilisation, cells: CellGroup, C: Floats, dim: 
 
 
 def _require_positive(stable: Floats, name: str) -> None:
-    """Raise SceneError if a displacement that is not linear has no positive energy in `stable` (c, n, n, dim, dim)."""
     count, n, _, dim, _ = stable.shape
     values = np.linalg.eigvalsh(stable.transpose(0, 1, 3, 2, 4).reshape(count, n * dim, n * dim))
     largest = np.abs(values).max(axis=1)
-    # The dim (dim + 1) linear displacements have no energy; eigenvalues ascend.
+    # Eigenvalues ascend. The first dim (dim + 1) are zero, for linear displacements; the next must be positive.
     least, first = values[:, 0], values[:, dim * (dim + 1)]
     if ((least < -ROUNDING * largest) | (first <= ROUNDING * largest)).any():
         raise SceneError(
@@ -142,7 +139,7 @@ def products_of_remainder(Pi: Floats) -> Floats:
     """Return (I - Pi)'(I - Pi), (c, n, n), for the projection Pi in vertex values."""
     missed = np.eye(Pi.shape[1]) - Pi
     product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
-    # A matrix product may sum (i, j) and (j, i) in different orders.
+    # A matrix product may sum entries (i, j) and (j, i) in different orders: make the result exactly symmetric.
     return 0.5 * (product + product.transpose(0, 2, 1))
 
 

@@ -29,7 +29,7 @@ from vemcvx.results import Results
 from vemcvx.vem import Space
 from vemcvx.vem.tensors import stresses
 
-# Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
+# If two runs with sizes h_1, h_2 have the errors e_i = C h_i^p, the order is p = log(e_1 / e_2) / log(h_1 / h_2).
 
 
 class Orders(NamedTuple):
@@ -40,7 +40,7 @@ class Orders(NamedTuple):
 
 
 def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
-    """Return the observed orders of errors in a mesh size or a step.
+    """Return the observed orders of convergence: p such that errors are proportional to h^p.
 
     Parameters
     ----------
@@ -84,29 +84,30 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
     return sizes, values
 
 
-# Errors of Pi u_h against a known displacement u, by quadrature of degree 5 (in space: of degree 2 on tetrahedra). A
-# rule of low degree would hide errors, because computed strains superconverge at the centroids of squares.
+# u is the known displacement, Pi u_h the computed one, projected to linear displacements in each cell K.
 #
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
+#
+# Quadrature has degree 5, in space degree 2: strains superconverge at centroids of squares, so degree 1 hides errors.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
-    """Return the error of Pi u against a known strain, in the energy norm.
+    """Return the energy norm of the difference between computed and known strains.
 
     Parameters
     ----------
     history : History or Field
     strain : callable (x, t) -> (m, 3)
-        e_xx, e_yy and 2 e_xy at points x (m, 2) and the instant t of the step; in space (m, 6), e_xx, e_yy, e_zz,
-        2 e_xy, 2 e_yz and 2 e_xz.
+        Returns e_xx, e_yy, 2 e_xy at the points x (m, 2) and the instant t of the step. In space, x is (m, 3), and the
+        result (m, 6) has e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz.
     step : int
         A stored step; negative numbers count from the end.
 
     Returns
     -------
     Measured
-        `reference` is the energy norm of the closed form.
+        `reference` is the energy norm of the known strain.
 
     Raises
     ------
@@ -131,7 +132,7 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
 
 
 def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
-    """Return the error of Pi u against a known displacement, in L2.
+    """Return the L2 norm of the difference between the displacement, projected in each cell, and a known displacement.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     Returns
     -------
     Measured
-        In units of length^2 (in space length^(5/2)); `reference` is the L2 norm of the closed form.
+        In units of length^2 (in space length^(5/2)); `reference` is the L2 norm of the known displacement.
 
     Raises
     ------
@@ -167,7 +168,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
 
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
-    """Return points (q, dim), weights (q,), which add up to areas or volumes, and the cell (q,) of each point."""
+    """Return the quadrature points (q, dim), weights (q,) and cells (q,) of a mesh."""
     mesh = space.mesh
     if isinstance(mesh, PolyhedralMesh):
         return _on_tetrahedra(mesh)
@@ -178,7 +179,6 @@ def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
 
 
 def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
-    """Return the rule with four points in each tetrahedron between a cell centroid, a face centroid and an edge."""
     rows, nodes, cells = list_faces(mesh.faces)
     at = cell_of_corner(rows)
     cell, face = cell_of_corner(cells)[at], mesh.cell_faces[at]
@@ -194,7 +194,7 @@ def _on_tetrahedra(mesh: PolyhedralMesh) -> tuple[Floats, Floats, Ints]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceTable:
-    """A table of errors and observed orders by size; prompts show it as Markdown, notebooks as a table.
+    """A table of errors and observed orders, one row per size.
 
     Attributes
     ----------
@@ -233,7 +233,6 @@ class ConvergenceTable:
         return self._table().html()
 
     def _table(self) -> Table:
-        """Return the table with rounded numbers; missing values are empty."""
         rows = []
         for row, size in enumerate(self.sizes):
             words = [_fraction(size)]

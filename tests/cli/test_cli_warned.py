@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 import pytest
-from called import call
 
 from vemcvx.cli.terminal import limit_log
 
@@ -15,12 +14,6 @@ def messages(caplog):
     """Return the messages that have been logged so far."""
     caplog.set_level(logging.INFO, logger="vemcvx")
     return lambda: [record.getMessage() for record in caplog.records]
-
-
-@pytest.mark.long
-def test_a_comparison_warns_once_that_mechanical_work_has_errors_of_first_order_in_the_step(messages):
-    call("compare", "feng_han_huang", "--n", "4", "--steps", "2", "--solvers", "newton,clarabel,osqp")
-    assert [words.split(":")[0] for words in messages()] == ["time steps"]
 
 
 def test_each_kind_of_message_is_limited_separately(messages):

@@ -13,7 +13,7 @@ from vemcvx.base.table import Table
 SCREEN = 30, 140
 """Lines and columns of a screen."""
 NAMES = "history", "contact", "trajectory", "program", "certificate"
-LONG = "budget", "bound", "whole", "of", "adapted"
+LONG = "budget", "bound", "whole", "of"
 """Results that take seconds to compute."""
 
 
@@ -31,7 +31,6 @@ def shown():
         "bound": lambda: vx.error_bound(history, step=-1),
         "whole": lambda: vx.error_bound(history),
         "of": lambda: vx.error_bound(history, step=-1, of=vx.Traction((1.0, 0.0), on="left")),
-        "adapted": lambda: vx.adapt(scene, vx.meshes.squares(4), times=[0, 0.5, 1], target=0.2),
     }
     return cache(lambda name: made[name]())
 

@@ -62,13 +62,11 @@ def draw(seed):
         vx.UnilateralContact(on="bottom", gap=gap),
         vx.NormalCompliance(k * 10 ** rng.uniform(0, 2), on="bottom", gap=gap),
     )
-    bound, angle = stress * 10 ** rng.uniform(-1.5, 0.3), rng.uniform(0, 3)
+    bound = stress * 10 ** rng.uniform(-1.5, 0.3)
     ground = one(None, lambda x, t: np.tile(t * move * np.array([*way[:2], 0.0]), (len(x), 1)))
-    across = {"direction": (np.cos(angle), np.sin(angle), 0.1), "across": bound * rng.uniform(0.3, 1.5)}
     patch = field(bound)
     friction = one(
         vx.TrescaFriction(bound, on="bottom", quadrature=one("nodes", "integral"), ground=ground),
-        vx.TrescaFriction(bound, on="bottom", ground=ground, **across),
         vx.TrescaFriction(lambda x, t: np.maximum(patch(x, 1.0), 0.0), on="bottom"),
     )
     viscous = one([], [], [vx.Viscosity(young * 10 ** rng.uniform(-2, 1), 0.1 * young)])

@@ -47,7 +47,7 @@ def usual_page() -> tuple[float, float]:
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Return a subclass of Figure that Jupyter shows at the end of a cell; Figure itself needs pyplot for this."""
+    """Return a class of figures that Jupyter shows without pyplot."""
     from matplotlib.figure import Figure
 
     class NotebookFigure(Figure):
@@ -99,7 +99,7 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def legend_below(ax: Axes) -> None:
-    """Draw the legend: below axes that are alone in their figure or filled with colours, else inside the axes."""
+    """Draw the legend inside the axes, or below axes that are alone in their figure or show a colour scale."""
     figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
     if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
         figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
@@ -110,14 +110,14 @@ def legend_below(ax: Axes) -> None:
 
 
 def legend_under(ax: Axes, columns: int = 3) -> None:
-    """Draw the legend below axes, also if they share their figure."""
-    # The distance leaves room for the ticks and their label. It is in font sizes, because axes may be flat.
+    """Draw the legend below axes, whether or not the figure has other axes."""
+    # The pad of 4.5 font sizes leaves room for tick labels and axis labels, however flat the axes are.
     drawn = ax.legend(frameon=False, fontsize="small", ncols=columns, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
 
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
-    """Return the writer "pillow" or "ffmpeg" of a film with `rate` frames per second, or raise VemcvxError."""
+    """Return a film writer of the kind "pillow" or "ffmpeg", for `rate` frames per second, or raise VemcvxError."""
     from matplotlib.animation import writers
 
     if not writers.is_available(kind):
@@ -147,7 +147,7 @@ def light_grid(ax: Axes, *, axis: Literal["x", "y", "both"] = "both") -> None:
 
 
 def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Label these multiples of powers of ten on a logarithmic axis by plain numbers: 5, not 5 x 10^0."""
+    """Label a logarithmic axis at `digits` times powers of ten, by plain numbers: 5, not 5 x 10^0."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=digits))
@@ -161,8 +161,7 @@ def draw_arrows(
     """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
     from matplotlib.patheffects import withStroke
 
-    # A white rim separates arrows from cells of any colour, also in grey print. By default, matplotlib draws arrows
-    # shorter than a line width as dots; here they vanish.
+    # A white rim separates arrows from cells of any colour. With minlength 0, short arrows are not drawn as dots.
     look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
     look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
     return ax.quiver(*places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **look)
@@ -195,7 +194,7 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: PointedEnds
 
 
 def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
-    """Return a colour scale between limits, for drawings that have no scale."""
+    """Return a map from numbers between `limits` to colours, for the colour bar of a drawing."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -228,7 +227,6 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     """Draw and return a colour bar of cells that is as high as the body."""
     from matplotlib.ticker import MaxNLocator
 
-    # A fixed number of ticks, because with the default number labels may be cut off. On flat bodies, six labels would
-    # overlap in the font size for narrow screens.
+    # With more ticks, labels would be cut off, or overlap on flat bodies.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)

@@ -36,8 +36,9 @@ the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w
 **Theorem 3** bounds quantities (:mod:`.quantity`), **Theorem 4** whole histories (:mod:`.whole_history`).
 
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
-estimate, and its `kind` names this estimate (:mod:`.reading`).
+estimate, which the attribute `kind` of the bound names (:mod:`.reading`).
 
-**In space** there is no bound yet. The theorems hold in any dimension. Stresses can be constructed on split tetrahedra
-(M. Krizek, Apl. Mat. 27 (1982)). Displacements in polyhedra are missing: linear functions lock near nu = 1/2.
+**In space** there is no bound yet, although the theorems hold in any dimension, and stresses can be constructed on
+split tetrahedra (M. Krizek, Apl. Mat. 27 (1982)). Displacements inside polyhedra are not implemented; linear functions
+would not suffice, because they lock near nu = 1/2.
 """

@@ -1,15 +1,16 @@
 """The stress of least energy in equilibrium with given forces, by a hybrid method whose unknowns are edge motions.
 
 Consider all stresses of the fans (:mod:`.stress`) that balance body forces, have the given tractions on free parts of
-the boundary, and have continuous tractions between cells. Let u_D be the displacement of held parts. The minimiser of
+the boundary, and have continuous tractions between cells. Let u_D be the displacement of held parts, sigma_0 the
+prestress, and C the elastic tensor. Among these stresses tau, the minimiser of
 
-    |tau|^2 / 2 in C^-1  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
+    (tau, C^-1 tau) / 2  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
 
-is determined by edge motions m, which are linear on every edge and may jump at vertices. On each edge, the forces of
-both cells cancel. The forces of a cell are G m + f, where f is due to body forces. The sum of all G is a stiffness
-matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). m and f determine tau - sigma_0, and the
-prestress sigma_0 exerts forces on edges. Let L v be edge motions on which linear tractions do the same work as on the
-displacement v of the run. The unknown is x = m - L v, in which rounding errors are small.
+is determined by edge motions m, which are linear on every edge and may jump at vertices. A cell exerts the forces G m
+on its edges, and forces due to body forces and sigma_0. On each edge, the forces of both cells cancel. The sum of all G
+is a stiffness matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). Linear tractions do the same
+work on the edge motions L v as on the displacement v of the run. The unknown is x = m - L v, in which rounding errors
+are small.
 """
 
 from __future__ import annotations
@@ -38,20 +39,17 @@ class Edges:
     """The E edges of a mesh; the first end of an edge has the smaller node number."""
 
     count: int
-    places: tuple[Ints, ...]
-    """for each chunk of cells, positions (c, 4 n) of the edge motions in the vector (4 E,)"""
-    outer: Ints
-    """(b, 2, 2) positions of the motions of boundary edges"""
-    nodes: Ints
-    """(E, 2) ends of the edges"""
+    places: tuple[Ints, ...]  # for each chunk of cells, positions (c, 4 n) of its edge motions among all, (4 E,)
+    outer: Ints  # (b, 2, 2) positions of the motions of boundary edges
+    nodes: Ints  # (E, 2) ends of the edges
 
     def outline(self, u: Floats) -> Floats:
-        """Return the values (2 nodes + 2 E,), at vertices and middles of edges, of a displacement (nodes, 2)."""
+        """Return u (n_nodes, 2) at the vertices and at the middles of edges, as a vector (2 n_nodes + 2 E,)."""
         return np.concatenate([u, 0.5 * (u[self.nodes[:, 0]] + u[self.nodes[:, 1]])]).ravel()
 
     @cached_property
     def motions(self) -> sp.csr_matrix:
-        """L as a matrix (4 E, 2 nodes + 2 E), from an `outline` to edge motions (:func:`.displacement.to_edges`)."""
+        """The matrix L (4 E, 2 n_nodes + 2 E) from an `outline` to edge motions (:func:`.displacement.to_edges`)."""
         vertices, edge = int(self.nodes.max()) + 1, np.arange(self.count)
         own, other, middle = self.nodes.ravel(), self.nodes[:, ::-1].ravel(), vertices + np.repeat(edge, 2)
         entries = np.repeat([2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0], len(own))
@@ -75,14 +73,12 @@ class Equilibrium:
 
     edges: Edges
     fans: tuple[Fans, ...]
-    stiffness: tuple[Floats, ...]
-    """matrices (k, 4 n, 4 n) of each chunk of cells"""
-    P: sp.csr_matrix
-    """(4 E, m) matrix from free motions to the motions of all edges"""
+    stiffness: tuple[Floats, ...]  # the matrices G (k, 4 n, 4 n) of each chunk of cells
+    P: sp.csr_matrix  # (4 E, m) matrix from free motions to the motions of all edges
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Solve P' forces(x) = P' `given` for edge motions x = P y (4 E,); tolerances are relative to `largest`."""
+        """Solve P' forces(x) = P' `given` for x = P y (4 E,), with tolerances relative to the `largest` force."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
         # Correct x as long as this halves the residual: near nu = 1/2, each digit takes several corrections.
         while ROUNDING * largest < apart <= 0.5 * before:
@@ -98,7 +94,7 @@ class Equilibrium:
         return x
 
     def forces(self, x: Floats) -> Floats:
-        """Return the forces (4 E,) of cells on edges with motions x (4 E,)."""
+        """Return the forces G x (4 E,), summed over cells, for edge motions x (4 E,)."""
         each = [one.apply(G, x[at]) for one, G, at in zip(self.fans, self.stiffness, self.edges.places, strict=True)]
         return gather(self.edges.places, each, len(x))
 
@@ -108,7 +104,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     P = _free_motions(edges, boundary)
     each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
     K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
-    # A small multiple of the diagonal anchors a floating body; balanced forces then need a few corrections.
+    # A small multiple of the diagonal anchors a floating body; the corrections in `solve` remove its influence.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
@@ -116,7 +112,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
 
 
 def assemble(places: Sequence[Ints], matrices: Sequence[Floats], size: int) -> sp.csr_matrix:
-    """Return the sum (size, size) of matrices (c, m, m) of chunks of cells at positions (c, m)."""
+    """Assemble cell matrices (c, m, m), given in chunks; `places` (c, m) are their rows and columns in the sum."""
     rows, columns = (
         np.concatenate([np.broadcast_to(np.expand_dims(at, axis), (*at.shape, at.shape[1])).ravel() for at in places])
         for axis in (2, 1)
@@ -125,7 +121,6 @@ def assemble(places: Sequence[Ints], matrices: Sequence[Floats], size: int) -> s
 
 
 def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
-    """Return the matrix (4 E, m) from free motions to all motions of edges."""
     inner, joints, own = np.ones(4 * edges.count, dtype=bool), boundary.edges.joints, boundary.free.copy()
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
@@ -144,7 +139,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
 
 
 def axes_of(projectors: Floats) -> tuple[Ints, Floats]:
-    """Return the axes of projectors (b, 2, 2): the number (k,) of each axis's projector, and the axes (k, 2)."""
+    """Return the axes onto which projectors (b, 2, 2) project: the numbers of projectors (k,), and the axes (k, 2)."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
     return which, vectors[which, :, axis]

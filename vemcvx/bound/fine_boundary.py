@@ -1,7 +1,6 @@
-"""Points between nodes at which data are evaluated: boundary edges cut into pieces.
+"""The mesh with boundary edges cut into pieces: at its new nodes, the effects of a scene are evaluated again.
 
-The effects of a scene are evaluated again, on the same mesh with boundary edges cut into pieces. The deviation of a
-datum from a line is its value at a new node, minus its linear interpolation between the old nodes.
+The deviation of a datum from a line is the value at a new node, minus the linear interpolation between the old nodes.
 """
 
 from __future__ import annotations
@@ -26,23 +25,19 @@ class FineBoundary:
     """A mesh with its boundary edges cut into pieces; the cells and their data do not change."""
 
     mesh: PolygonMesh
-    old: int
-    """number of the first new node"""
-    pieces: Ints
-    """(b PIECES, 2) the pieces, edge by edge"""
-    owner: Ints
-    """(q,) the boundary edge of each new node"""
-    along: Floats
-    """(q,) position in (0, 1) from the first end of the edge to the second"""
+    old: int  # number of the first new node
+    pieces: Ints  # (b PIECES, 2) the pieces, edge by edge
+    owner: Ints  # (q,) the boundary edge of each new node
+    along: Floats  # (q,) position in (0, 1) from the first end of the edge to the second
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Return the values at new nodes of linear functions with the values (b, 2, ...) at the ends of edges."""
+        """Interpolate values (b, 2, ...) at both ends of boundary edges linearly to the new nodes `at`."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         return np.asarray((1.0 - s) * start + s * stop)
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """Convert values (m, j) of rows to values (b, 2, j) at ends of boundary edges; nan on edges without rows."""
+        """Convert values (m, j) of an effect's rows to values (b, 2, j) at ends of boundary edges; nan without row."""
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
             tips = np.flatnonzero((rows.nodes[rows.ends.row] < self.old) & (rows.ends.beyond >= self.old))
@@ -51,7 +46,7 @@ class FineBoundary:
         return found
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return new nodes (k,), the values (k, j) of rows there, and values interpolated between the ends of edges."""
+        """Return the new nodes (k,) with rows, the values (k, j) of these rows, and values interpolated along edges."""
         new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
         return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))
@@ -73,12 +68,10 @@ def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
     first, last = mesh.points[ends[owner]].swapaxes(0, 1)
 
     def chain(between: Ints, tips: Ints) -> Ints:
-        """Return the ends (b, PIECES, 2) of the pieces of edges."""
         nodes = np.column_stack([tips[:, 0], between, tips[:, 1]])
         return np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
 
     def select(pieces: Ints, whole: Ints) -> Ints:
-        """Return the pieces (k, 2) of the edges `whole` in the order of all edges."""
         return pieces[np.unique(positions(whole, ends, mesh.n_nodes))].reshape(-1, 2)
 
     pieces, partners = chain(new, ends), chain(across, joints.across)

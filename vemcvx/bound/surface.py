@@ -3,9 +3,10 @@
 All functions are linear on edges, and given by values at both ends. For loads and friction bounds, :mod:`.reading`
 gives these values; for gaps and ground motions, they are nodal values.
 
-Let s be the slip of v in the step, -q the friction on the body and g its bound, z = v_n - gap the depth, p the
-pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible; we use the multipliers of
-the run per length, clipped to these limits. The defect of v, q and p in the laws of friction and contact is the sum of
+Let s be the slip of the displacement v in the step, -q the friction on the body and g its bound, z = v_n - gap the
+depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible. We divide
+the multipliers of the run by lengths, and clip them to these limits. The defect of v, q and p in the laws of friction
+and contact is the sum of
 
     friction                rigid obstacles (z <= 0)        compliant obstacles
     int (g |s| - q s),      int -p z,                       int (k z_+^2 / 2 + p^2 / (2 k) - p z),
@@ -36,17 +37,17 @@ MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 
 
 def products(a: Floats, b: Floats) -> Floats:
-    """Return the means (b,) of products of two functions (b, 2) that are linear on edges, given at their ends."""
+    """Return the means (b,) on edges of the products of two linear functions, given at both ends, (b, 2)."""
     return np.asarray(np.einsum("bi,ij,bj->b", a, MASS, b))
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
-    """Return the components (b, 2) of `ends` (b, 2, 2), motions of both ends of edges, along `ways` (b, 2)."""
+    """Return the components (b, 2), along `ways` (b, 2), of vectors (b, 2, 2) at both ends of edges."""
     return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
 def squares_above_zero(z: Floats) -> Floats:
-    """Return the means (b,) of z_+^2 for functions (b, 2) that are linear on edges, given at their ends."""
+    """Return the means (b,) on edges of z_+^2 for linear functions z, given at both ends, (b, 2)."""
     least, most = np.sort(z, axis=1).T
     crossing = (least < 0.0) & (most > 0.0)
     span = np.where(crossing, most - least, 1.0)
@@ -57,18 +58,12 @@ def squares_above_zero(z: Floats) -> Floats:
 class Surface:
     """The forces on the boundary edges (b,) at an instant, and the laws of friction and contact there."""
 
-    loads: Floats
-    """(b, 2, 2) forces int t phi at both ends, due to loads t"""
-    forces: Floats
-    """(b, 2, 2) forces int t phi at both ends, due to the sum t of loads, friction and pressure"""
-    cost: Floats
-    """(b,) int (g |s| + k z_+^2 / 2): cost of friction, and energy of obstacles"""
-    gap: Floats
-    """(b,) defect of v and the tractions in the laws of friction and contact"""
-    laws: Floats
-    """(2, b, 2) g and q at the ends of edges; g is zero without friction"""
-    slip: Floats
-    """(b, 2) s"""
+    loads: Floats  # (b, 2, 2) forces of the loads at both ends of edges (`forces_of`)
+    forces: Floats  # (b, 2, 2) forces of loads, friction and pressure
+    cost: Floats  # (b,) int (g |s| + k z_+^2 / 2): cost of friction, and energy of obstacles
+    gap: Floats  # (b,) defect of v, q and p in the laws of friction and contact
+    laws: Floats  # (2, b, 2) g and q at the ends of edges; g is zero without friction
+    slip: Floats  # (b, 2) s
 
     @classmethod
     def from_loads(cls, loads: Floats) -> Surface:
@@ -82,14 +77,10 @@ class Surface:
 class _Pressing:
     """The pressure of rigid or of compliant obstacles."""
 
-    ends: Floats
-    """(b, 2) p at the ends of edges"""
-    acts: Bools
-    """(b,) True for edges with an obstacle"""
-    depth: Floats
-    """(b, 2) z, zero without an obstacle"""
-    stiffness: Floats | None
-    """(b, 2) k; None for rigid obstacles"""
+    ends: Floats  # (b, 2) p at the ends of edges
+    acts: Bools  # (b,) True for edges with an obstacle
+    depth: Floats  # (b, 2) z, zero without an obstacle
+    stiffness: Floats | None  # (b, 2) k; None for rigid obstacles
 
     @property
     def stored(self) -> Floats:
@@ -113,10 +104,8 @@ class Boundary:
     edges: Skeleton
     reader: Reader
 
-    # Supports.
-
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on the directions in which supports prescribe motions (if `joined`: jumps)."""
+        """Return projectors (b, 2, 2) on the directions in which supports prescribe motions, or if `joined` jumps."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -145,7 +134,7 @@ class Boundary:
         return free
 
     def _moves(self, directions: Floats) -> Bools:
-        """Return a mask (b,) of edges whose motion (at joints: whose jump) can have a component along `directions`."""
+        """Return True (b,) for edges whose motion, or jump at a joint, can have a component along `directions`."""
         joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > SAME
         along = directions[joints.first]
@@ -155,7 +144,7 @@ class Boundary:
 
     @cached_property
     def _effect_edges(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges with friction, and with obstacles, even if their data are zero."""
+        """The masks (b,) of edges with friction, and of edges with obstacles."""
         found = np.zeros((2, len(self.edges.outer)), dtype=bool)
         rows: tuple[Friction | Obstacle, ...] = (*self.reader.frictions, *self.reader.obstacles)
         for one in rows:
@@ -170,7 +159,7 @@ class Boundary:
 
     @cached_property
     def acting(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges on which friction, and obstacles, may act."""
+        """The masks (b,) of edges with friction that can slip, and of edges with obstacles that can move normally."""
         slip, normal = self._effect_edges
         return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
 
@@ -184,7 +173,7 @@ class Boundary:
         return found
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
-        """Return the support whose `components` (m,) differ most from u (n_nodes, 2) on edges, and the difference."""
+        """Return the support that prescribes `components` farthest from u on edges, and the distance; or (None, 0)."""
         ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
         for support in self.reader.supports:
@@ -208,8 +197,6 @@ class Boundary:
                 "or give tractions."
             )
 
-    # Forces.
-
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
         """Return the surface at the end of a step; `body` (j,) is the work of body forces on `motions`."""
         tangents, units, lengths = self.edges.tangents, self.edges.units, self.edges.lengths
@@ -232,22 +219,22 @@ class Boundary:
         )
 
     def forces_of(self, tractions: Floats) -> Floats:
-        """Return int t phi at both ends of edges, (b, 2, 2), for linear tractions (b, 2, 2) given at the ends."""
+        """Return int t phi (b, 2, 2) for linear tractions t and hat functions phi; t is given at both ends of edges."""
         return np.asarray(np.matmul(self.edges.lengths[:, None, None] * MASS, tractions))
 
     def law_defect(self, before: Surface, now: Surface) -> float:
-        """Return D >= 0, the defect in Tresca's law in a step, for friction and displacements linear in time."""
+        """Return the defect D >= 0 of a step in Tresca's law, if friction and displacements are linear in time."""
         g, q = 0.5 * (before.laws + now.laws)
         means = products(g, np.abs(now.slip)) - products(q, now.slip)
         return max(float(np.sum(self.edges.lengths * means)), 0.0)
 
     def _at_ends(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return values (m, j) of rows at the ends of edges, (b, 2, j); held ends get the value at the other end."""
+        """Return values (m, j) of rows at both ends of edges, (b, 2, j); an end without a row copies the other end."""
         both = at_ends(self.edges, rows, np.column_stack([values, np.ones(len(values))]))
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the friction bound g (b, 2) at the ends of edges; a law gives g for the computed pressure."""
+        """Return the friction bound g (b, 2) at the ends of edges; laws are evaluated at the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]
@@ -271,13 +258,11 @@ class Boundary:
         return along(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
 
     def _friction(self, now: Instant, g: Floats) -> Floats:
-        """Return q (b, 2) at the ends of edges, from the multipliers."""
         terms = self.posed.terms
         against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
         return np.asarray(np.clip(along(against, self.edges.tangents), -g, g))
 
     def _pressing(self, now: Instant, compliant: bool) -> _Pressing:
-        """Return the pressure of compliant or of rigid obstacles, from the multipliers."""
         obstacles = self.posed.obstacles
         mine = (obstacles.compliance > 0) == compliant
         ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])[..., 0]
@@ -293,7 +278,7 @@ class Boundary:
         return _Pressing(pressure, acts[:, 0], z, np.where(acts, k, 1.0) if compliant else None)
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """Return depths in obstacles (b, 2), -inf on edges without obstacles, and the stiffness of obstacles (b, 2)."""
+        """Return depths z (b, 2), -inf on edges without an obstacle, and the stiffness k (b, 2) of obstacles."""
         fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):
@@ -310,8 +295,6 @@ class Boundary:
         distance[~self._moves(self.edges.units)] = np.inf
         return along(self.edges.jumps(u), self.edges.units) - distance, stiffness
 
-    # The balance of bodies held by friction and contact only.
-
     @cached_property
     def motions(self) -> Floats:
         """The rigid motions (n_u, j) of bodies that only friction and one-sided contact hold."""
@@ -321,11 +304,11 @@ class Boundary:
     def _balance(
         self, friction: tuple[Floats, Floats], pressing: tuple[Floats, tuple[Bools, Bools]], loads: Floats, body: Floats
     ) -> tuple[Floats, Floats]:
-        """Return admissible q (b, 2) and pressures (2, b, 2), nearest to those given, that balance the loads."""
+        """Return admissible q (b, 2) and pressures (2, b, 2) that balance the loads, near the given q and pressures."""
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # The arrays (2 b, j) are the work of linear tractions that are 1 at one end of an edge and 0 at the other end.
+        # Find the work (2 b, j) of linear tractions that are 1 at one end of an edge and 0 at the other end.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)
@@ -348,8 +331,8 @@ class Boundary:
 
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
-    """Return projectors (nodes, 2, 2) on the directions in which a node can move alone; P is an orthonormal basis."""
-    # They are the eigenvectors with eigenvalue one of the diagonal blocks of P P'.
+    """Return projectors (n_nodes, 2, 2) on the directions in which a node can move alone; P is a basis of motions."""
+    # P is orthonormal, so these directions are the eigenvectors of diagonal blocks of P P' with the eigenvalue one.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]

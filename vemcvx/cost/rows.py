@@ -20,7 +20,7 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of the key figures: energies at the end, counts at the step of largest energy, and largest values of a run."""
+"""Names of key figures. Energies are taken at the end of the run, counts at the step of largest energy."""
 
 
 def figures(history: Results) -> Row:

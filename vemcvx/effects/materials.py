@@ -23,7 +23,6 @@ from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, isotropic_stress, mod
 
 PLANES = ("strain", "stress")
 REVOLVED = "axisymmetric"
-"""The value of `plane` for bodies of revolution."""
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
 """The positions of xx, yy and xy among the components in space."""
 
@@ -41,7 +40,7 @@ class MaterialLaw(Effect):
 class Moduli(NamedTuple):
     """The constants of k cells; :class:`Material` explains the first three."""
 
-    moduli: Floats  # (., k)
+    moduli: Floats  # (number of constants, k)
     thermal_stress_moduli: Floats  # (k, components)
     out_of_plane: Floats  # (k, 4); unused in space
     shear: Floats  # (k,) the shear modulus of the stabilisation "shear"
@@ -138,8 +137,8 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper; plane stress has 2 lam mu / (lam + 2 mu) in place of lam. A
-# blocked eigenstrain s in all directions causes the stress -b s, b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu).
+# sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper, with 2 lam mu / (lam + 2 mu) in place of lam in plane stress. If
+# an eigenstrain s in all directions is blocked, sigma = -b s I, where b = 3 lam + 2 mu, in plane stress 2 (lam + mu).
 STABILISATIONS = ("shear", "unit")
 
 
@@ -220,7 +219,7 @@ class Elasticity(_Elastic):
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 #
 # where nu_ij = -e_j / e_i under tension along i; in space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# axes a_1, a_2, a_3 = a_1 x a_2 are the rows of R. Strains eps in x, y, z (doubled shear strains) become e = Q eps.
+# rows of R are the axes. With doubled shear strains, the strains eps in x, y, z become e = Q eps in these axes.
 # So C = Q^T S^{-1} Q. In a plane body, axis 3 is normal to the plane; in plane stress, nothing is coupled to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
@@ -313,7 +312,7 @@ class Orthotropic(_Elastic):
         return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
 
     def _read_constants(self, at: data.InCells, name: str, plane: str | None) -> Floats:
-        """Return the constants (., k) of the field `name`. Their number depends on `plane`, which is None in space."""
+        """Return the constants (count, k) of the field `name`; `plane` is None in space."""
         given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
         count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
@@ -330,7 +329,7 @@ def _is_sequence(given: object) -> TypeGuard[Sequence[Any]]:
 
 
 def _rotate_strains(R: Floats) -> Floats:
-    """Return Q (n_cells, 6, 6); it maps strains in x, y, z to strains in the axes given by the rows of R (., 3, 3)."""
+    """Return Q (k, 6, 6), which maps strains in x, y, z to strains in the axes that are the rows of R (k, 3, 3)."""
     Q = np.empty((len(R), 6, 6))
     for k, (a, b) in enumerate(COMPONENTS[3]):
         for m, (i, j) in enumerate(COMPONENTS[3]):
@@ -348,7 +347,7 @@ def _words(values: Any) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    `history.dissipated` includes the viscous loss, and forces include viscous forces; energy and `stress` are elastic.
+    `history.dissipated` includes the viscous loss, and forces include viscous forces. Energy and stress are elastic.
 
     Parameters
     ----------
@@ -424,7 +423,8 @@ class ThermalStrain(Effect):
 class Prestress(Effect):
     """Initial stress, a stress sigma_0 at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    For load, energy, work and initial states see ThermalStrain, with -sigma_0 in place of C alpha theta I.
+    `history.stress` is this sigma, `history.energy` is the energy of eps(u), and -sigma_0 counts as a load in
+    `history.work`. If sigma_0 is not zero at the first instant, begin with ``initial="settled"``.
 
     Parameters
     ----------
@@ -432,7 +432,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, as for ThermalStrain: where the stress acts; by default everywhere.
+        Names of cell data. The stress acts in cells where one of them is nonzero; by default, in all cells.
 
     Examples
     --------

@@ -20,7 +20,7 @@ Matrix = Floats | sp.csr_matrix
 """Matrix of a program: dense if the program is condensed, else sparse."""
 
 SAMPLES = 8
-"""Number of random vectors, or of rows, from which energies b'K^{-1}b are estimated."""
+"""Number of samples b (random vectors, or rows of a matrix) from which energies b'K^{-1}b are estimated."""
 CHUNK_SIZE = 2**25
 """Largest number of entries (256 MB) in one batch of right-hand sides."""
 
@@ -36,11 +36,11 @@ class Factor(ABC):
         """Return x with K x = b, for one right-hand side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
-        """Return b'K^{-1}b for a force b (n,); iterative factors return an upper bound, as certificates require."""
+        """Return b'K^{-1}b for a force b (n,). Iterative factors return an upper bound: certificates need one."""
         return abs(float(b @ self.solve(b)))
 
     def energies_of_columns(self, b: Floats) -> Floats:
-        """Return `energy` (k,) of every column of b (n, k)."""
+        """Return the `energy` of every column of b (n, k), as (k,)."""
         if self.exact:
             return np.abs(np.einsum("ij,ij->j", b, self.solve(b)))
         return np.array([self.energy(column) for column in b.T])
@@ -73,9 +73,8 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """The settings of a linear solver.
 
-    A run factorises its K once; with viscosity, once for every length of step. The run calls `eliminate` if the class
-    `eliminates`, and then condenses programs to the unknowns of contact and friction. Otherwise the run calls
-    `factorise`.
+    A run factorises K once; with viscosity, once for every length of step. If `eliminates` is True, the run calls
+    `eliminate` and condenses programs to the unknowns of contact and friction. Otherwise the run calls `factorise`.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ class IterativeFactor(Factor):
 
     @abstractmethod
     def iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
-        """Return an approximation of K^{-1} b (n,), and 0 if its residual meets the tolerance."""
+        """Return an approximation of K^{-1} b (n,), and 0 if the residual meets the tolerance, else another number."""
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
@@ -96,7 +96,7 @@ class IterativeFactor(Factor):
         return x
 
     def energy(self, b: Floats) -> float:
-        x = self.iterate(b, 0.1)[0]  # Smaller residuals would lower the bound by only a hundredth.
+        x = self.iterate(b, 0.1)[0]  # A smaller tolerance would lower the bound by only 1 %.
         left = b - self._K @ x
         return abs(float(b @ x + x @ left + left @ self.cycle(left) / self._lowest))
 
@@ -132,13 +132,12 @@ class PyAMGFactor(IterativeFactor):
 
 
 def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
-    """Return a lower bound of the eigenvalues of MK, by Lanczos' method from a random force, in the inner product of M.
+    """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M.
 
-    After k steps for 1 - MK from a random direction, the largest Ritz value is below (1 - eps) times the largest
-    eigenvalue with probability less than 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J.
-    Matrix Anal. Appl. 13, 1992). So lambda_min(MK) >= 1 - (1 - xi) / (1 - eps) with the smallest Ritz value xi of MK.
-    The direction is random in the Euclidean inner product instead of that of M: this multiplies the probability by at
-    most 1e8, the root of the condition number of M. The product is less than 1e-9.
+    Let xi be the smallest Ritz value after k steps from a random direction. Then lambda_min(MK) >= 1 - (1 - xi) /
+    (1 - eps), except with a probability below 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM
+    J. Matrix Anal. Appl. 13, 1992, for 1 - MK). Our direction is random in the Euclidean inner product: this multiplies
+    the probability by at most the root of the condition number of M; we take 1e8, and eps for a probability of 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

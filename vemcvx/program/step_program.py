@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 STILL_TOLERANCE = 1e-9
-"""Slips and excesses count as zero below this fraction of the largest motion of a row."""
+"""Slips B d - b and excesses D d - e count as zero below this fraction of the largest motion of a row."""
 GAIN_TOLERANCE = 1e-9
 """Smallest gain of a motion, relative to the load, that an interior-point method distinguishes from zero."""
 
@@ -95,7 +95,6 @@ class StepProgram(ArrayRecord):
     e: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the shapes, and make the arrays read-only, because certificates use them after the solver."""
         for name, count in zip("gwbe", self.operators.sizes, strict=True):
             array = np.asarray(getattr(self, name))
             if array.shape != (count,):
@@ -124,7 +123,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The largest energy norm among K^{-1} g, least moves that end an overlap, and least moves of stuck terms."""
+        """The scale of |d|_K: the largest of |K^{-1} g|_K and the least |d|_K that fits one limit or stuck term."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -133,7 +132,7 @@ class StepProgram(ArrayRecord):
         way, flexible = lengths(operators.blocks(self.b)), operators.norm_flexibility
         drawn = np.where(self.stuck, way, 0.0) / np.sqrt(np.where(flexible > 0, flexible, 1.0))
         size = max(size, float(pushed.max(initial=0.0)), float(drawn.max(initial=0.0)))
-        return size or float(np.sqrt(self.finite_weights @ way))  # If `size` is 0, take the root of the work w'|b|.
+        return size or float(np.sqrt(self.finite_weights @ way))  # If all norms are 0, use the root of the work w'|b|.
 
     def slip(self, d: Floats) -> Floats:
         """Return s = B d - b, as (m, block)."""
@@ -146,7 +145,7 @@ class StepProgram(ArrayRecord):
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
         """Return the levels below which slips (m,) and excesses (r,) count as zero.
 
-        A level is STILL_TOLERANCE times the largest motion of any row in d, or of this row in a state of norm `size`.
+        A level is STILL_TOLERANCE max(motion of any row in d, largest motion of this row in states of norm `size`).
         """
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
@@ -174,7 +173,7 @@ class StepProgram(ArrayRecord):
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0, balanced on K's kernel if possible."""
+        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0; with a kernel N, N'r = 0 if possible."""
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
             return lam, p
@@ -184,9 +183,9 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c in K's kernel that has the largest gain within the limits; None if this gain is zero.
+        """Return the motion N c in K's kernel that has the largest gain within the limits; None if there is no gain.
 
-        The gain is g'N c - sum w_i |B_i N c| with |c| <= 1. Below GAIN_TOLERANCE times the load it counts as zero.
+        The gain is g'N c - sum w_i |B_i N c| with |c| <= 1; a gain up to GAIN_TOLERANCE times the load counts as none.
         """
         import cvxpy as cp
 
@@ -222,7 +221,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return multipliers of least imbalance at `d`, keeping given lam or p; if `lawful`, the law fixes more."""
+        """Return multipliers of least imbalance at `d`; keep given ones, and if `lawful` those that d determines."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -233,7 +232,7 @@ class StepProgram(ArrayRecord):
             law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows that share an unknown divide the force on it.
+        if operators.own_columns is None:  # Rows share unknowns: use least squares.
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
@@ -271,11 +270,11 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
-        """Return the certificate of increments after the state `before` (n,), by the better of theorems 1 and 2."""
+        """Return the certificate of `d` after the state `before` (n,), by the better theorem of :mod:`.certificate`."""
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # If K^{-1} has lost all digits, the energy may be negative. Its absolute value is used: 0 would hide the error.
+        # If K^{-1} has lost all digits, the energy may be negative, and 0 in place of it would hide the error.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -286,7 +285,7 @@ class StepProgram(ArrayRecord):
         return min(plain, self._certify_after_move(d, lam, p, plain), key=lambda found: found.gap)
 
     def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """Return the gap of the certificate for admissible multipliers, by the better of theorems 1 and 2."""
+        """Return the gap of the certificate for admissible multipliers."""
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
@@ -311,7 +310,7 @@ class StepProgram(ArrayRecord):
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
-        """Return the energy that the rounding of the residual r can hide (:mod:`.certificate`)."""
+        """Return the energy of the rounding errors of the residual r, the floor in :mod:`.certificate`."""
         if has_diverged(d):
             return 0.0
         forces = np.abs(self.g) + self.operators.absolute[1].T @ np.abs(np.append(lam, p))
@@ -352,7 +351,6 @@ class StepProgram(ArrayRecord):
             return d
         if not (np.diff(D.indptr)[rigid] == 1).all():
             return self._project_onto_limits(d, rigid.astype(np.int64))
-        # Several bounds may act on the same unknown.
         column, coefficient, moved = D.indices[D.indptr[rigid]], D.data[D.indptr[rigid]], d.copy()
         edge, upper = self.e[rigid] / coefficient, coefficient > 0
         np.minimum.at(moved, column[upper], edge[upper])
@@ -451,7 +449,7 @@ class SolvedProgram(StepProgram):
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Derivative, at the answer, of weights with respect to forces of limits: under Coulomb's law, the coefficients.
+        Derivatives of weights by forces of limits, at the answer; under Coulomb's law, the friction coefficients.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
 
@@ -485,7 +483,7 @@ class SolvedProgram(StepProgram):
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Unlike certificates, these bounds count slips and gaps that are only rounding.
+        # Certificates take slips and gaps of the size of rounding as zero; these bounds do not.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         s = np.where(self.stuck[:, None], 0.0, self.slip(d))
         parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()

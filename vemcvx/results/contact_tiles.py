@@ -1,4 +1,4 @@
-"""Recovered pressure and friction: means of nodal forces over one and a half cells where meshes do not match.
+"""Recovered pressure and friction: where meshes do not match, means of forces at nodes near each other.
 
 `Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of its hat function.
 On interfaces of meshes that do not match, this quotient ripples by O(h) or more, but means over cells are accurate.
@@ -6,11 +6,11 @@ If some cell has several sides on an interface, recovered values on this interfa
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
-The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K is
-symmetric, so every closed piece keeps its resultant, sum |phi_i| p_i = sum R_i. K has no negative entry, so compression
-remains compression. The size of a cell is the total length of its sides on the surface (in space, the
-square root of their area), and h_i is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at
-i and j differ by `CURVE_ANGLE` or more. Nodes at corners (in space, also edges) of the body keep R_i / |phi_i|.
+The size of a cell is the total length of its sides on the surface (in space, the square root of their area), and h_i
+is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or
+more. The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K
+is symmetric and connects nodes on the same piece of closed contact only. So sum |phi_i| p_i = sum R_i on each piece. No
+entry of K is negative, so compression remains compression. Nodes at corners (in space, also edges) keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CELLS = 1.5  # Radius of the means in units of h
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The contact nodes, and the pairs of nodes that share a side (in space, a face); nodes at corners share none."""
+    """The contact nodes, and the pairs of nodes on one side (in space, on one face), without nodes at corners."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
@@ -65,7 +65,7 @@ class ContactTiles:
         return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
 
     def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
-        """Return recovered forces per length from nodal forces (k, m), with int phi_i as `lengths` (m,)."""
+        """Return recovered forces per length of nodal forces (k, m); `lengths` are |phi_i|, `closed` is contact."""
         found = forces / lengths
         patterns, number = np.unique(closed, axis=0, return_inverse=True)
         for k, pattern in enumerate(patterns):
@@ -79,7 +79,7 @@ class ContactTiles:
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off): if |log(off)| <= M, both have |log| <= M / 2.
+            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off), so max |log(off)| does not grow.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:  # Only rounding remains.
                 break
@@ -91,7 +91,7 @@ class ContactTiles:
 
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         _, piece = connected_components(chosen @ self.beside @ chosen)
-        # If k_ij > 0, j is within reach of i or i within reach of j: 1.5 sqrt(h_i h_j) <= max(1.5 h_i, 1.5 h_j).
+        # k_ij > 0 needs |x_i - x_j| < 1.5 sqrt(h_i h_j) <= 1.5 max(h_i, h_j): one node is within reach of the other.
         near = cKDTree(self.points).query_ball_point(self.points, self.reach)
         i, j = np.repeat(np.arange(m), list(map(len, near))), np.concatenate(near).astype(int)
         apart = self.points[i] - self.points[j]

@@ -53,7 +53,7 @@ def build_load(
 
 
 def build_dirichlet_force(A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
-    """Return P'A u_D, t -> (n,)."""
+    """Return the force P'A u_D (n,) of the prescribed displacement u_D, as a function of t."""
     moved = supports.moved
     matrix = sp.csr_matrix(supports.gather(A[:, moved]))
     return lambda t: matrix @ supports.motion(t)[moved]
@@ -80,21 +80,21 @@ class PosedScene:
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A; None if there are none
     inactive: tuple[str, ...]  # a sentence for each friction whose bound is zero, and UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
-    curves: tuple[str, ...]  # subjects of effects with conditions along the normals of curves
+    curves: tuple[str, ...]  # subjects of effects that act along the normals of curved boundaries
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
     laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
-    stops: Sequence[Obstacle]  # the obstacles as effects contribute them; `obstacles` has their limits
+    stops: Sequence[Obstacle]  # the obstacles that effects contribute; `obstacles` are the limits made of them
     causes: Mapping[str, Ints]
-    """For "supports", "frictions" and "obstacles": numbers of their effects in canonical order; -1 for pins."""
+    """Kind ("supports", "frictions" or "obstacles") -> number of each one's effect in canonical order; -1 for pins."""
     caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
     pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
 
     @cached_property
     def system(self) -> System:
-        """The system in free unknowns: K = P'A P, load = P'(f - A u_D), B = B^ P for the nodal load f."""
+        """The system in free unknowns: K = P'A P, load P'(f - A u_D) of nodal loads f, B = B^ P of friction rows B^."""
         A, supports, terms = self.A, self.supports, self.terms
-        # Rigid motions have energy with springs and in bodies of revolution; otherwise the frame subtracts them.
+        # `frame` subtracts rigid motions, unless springs or the axis of revolution give them energy.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -151,7 +151,7 @@ def suppress_scene_warnings() -> Iterator[None]:
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; drop frictions whose bounds are zero at all of `times`, but not those `between`."""
+    """Assemble a scene on a mesh. Drop frictions that are zero at all `times`; `between` serves to check balance."""
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
@@ -191,7 +191,6 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
 
 
 def _check_revolution(space: Space, material: Material) -> None:
-    """Raise SceneError unless all or none of space, plane and moduli belong to a body of revolution."""
     if len({space.axisymmetric, material.plane == REVOLVED, len(material.moduli) == AXISYMMETRIC}) > 1:
         words = f'a material of a body of revolution has the attribute plane = "{REVOLVED}"'
         raise SceneError(
@@ -202,7 +201,7 @@ def _check_revolution(space: Space, material: Material) -> None:
 def _hold(
     space: Space, parts: Sequence[Contribution], springs: sp.csr_matrix | None
 ) -> tuple[Supports, tuple[Support, ...], list[list[Any]]]:
-    """Return the supports, the pins among them, and frictions, obstacles and surfaces with straightened normals."""
+    """Return supports with pins, the pins alone, and frictions, obstacles and surfaces with straightened normals."""
     holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     if space.axisymmetric:
@@ -219,7 +218,7 @@ def _hold(
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return the fields of PosedScene with the effect number of each support, friction, obstacle, load and spring."""
+    """Return the fields of PosedScene that name the effect of each support, friction, obstacle, load and spring."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
@@ -240,7 +239,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 
 
 def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
-    """Return the motions that only `rows` resist; warn of them, or log them if all are motions of named bodies."""
+    """Return the motions that only `rows` resist, with a warning, or a log entry if all move named bodies."""
     kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
     if kernel is not None:
         words = (
@@ -259,7 +258,6 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
-    """Return K = P'A P."""
     K = supports.P.T @ A @ supports.P
     K = sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
     read_only(K.data)  # A System need not copy a matrix that is read-only.

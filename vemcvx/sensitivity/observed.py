@@ -1,9 +1,10 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-Symbols are those of :mod:`vemcvx.results.forces`, and ' is the transpose. Only R differs: it is the force of the
-supports without contact, R = A u + A_1 du/dt - f + B^'lam + D^'p. Here u = P y + u_D(t) for free unknowns y, and
-P'R = 0. A quantity is a'u + h'R, the energy, or the losses. For a reaction, h = H d with d from `support_shares`.
-Without A_1, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
+Symbols are those of :mod:`vemcvx.results.forces`: stiffness A, viscosity A_1, loads f, rows B^ of friction with lam,
+rows D^ of obstacles with p. Let u = P y + u_D(t) with free unknowns y. The force of the supports, without contact, is
+here R = A u + A_1 du/dt - f + B^'lam + D^'p, and P'R = 0. A quantity is a'u + h'R with vectors a and h, the energy, or
+the losses. A reaction is h'R with h = H d, for d from `support_shares`. If A_1 = 0, the derivatives of h'R by y, lam
+and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 class Observed:
     """A scene at the T states of a run, with one row for each instant."""
 
-    k: Floats  # (T,) lengths of the steps to the instants; zero at the first one
+    k: Floats  # (T,) length of the step to each instant; zero at the first instant
     u: Floats  # (T, n_u)
     elastic: Floats  # (T, n_u) A u
     forces: Floats  # (T, n_u) R
-    lam: Floats  # (T, terms, block); the last terms, on dragged nodes, are computed from the friction bound
+    lam: Floats  # (T, terms, block); terms of dragged nodes come last, computed from the friction bound
     slips: Floats  # (T, terms * block) in the step to the instant
     p: Floats  # (T, r) forces of obstacles
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
@@ -83,13 +84,13 @@ class Observed:
 
     @property
     def losses(self) -> Floats:
-        """The losses (T,) by friction in the step to each instant; zero at the first one."""
+        """The losses (T,) by friction in the step to each instant; zero at the first instant."""
         return np.append(0.0, np.einsum("tmb,tmb->t", self.lam, self.slips.reshape(self.lam.shape))[1:])
 
 
 @dataclass(frozen=True, eq=False)
 class Gradients:
-    """The derivatives of Q quantities; for "dissipated", the derivatives of the losses in the step to each instant."""
+    """The derivatives of Q quantities. Here "dissipated" counts only the losses of the step to each instant."""
 
     y: Floats  # (Q, T, m) by the contact unknowns
     before: Floats  # (Q, T, m) by the contact unknowns one instant before
@@ -115,7 +116,7 @@ class Quantities:
     def differentiate(
         self, posed: PosedScene, at: Observed, E: Any, solve_interior: Callable[[Floats], Floats]
     ) -> Gradients:
-        """Return the derivatives; the columns of E (n, m) are states of unit displacements of the contact unknowns."""
+        """Return the derivatives; column j of E (n, m) is y if contact unknown j is 1 and the others are 0."""
         gather, terms, acting = posed.supports.gather, posed.terms, posed.system.B.shape[0]
         after = at.k[:, None] > 0  # Losses begin with the first step.
         fixed, outer = gather((self.a + self.h @ posed.A).T), np.multiply.outer
@@ -161,7 +162,6 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
 
 
 def _slip_row(posed: PosedScene, point: Floats, axis: Floats, name: str) -> Floats:
-    """Return the row (n_u,) of the slip at a contact node along an axis."""
     surface, mesh = posed.surface, posed.space.mesh
     if not len(surface) or point.shape[1] != posed.space.dim or posed.terms.ground is not None:
         raise SceneError(f"of: found {name!r}; slips are those of contact nodes, on ground that does not move.")

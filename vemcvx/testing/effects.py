@@ -54,8 +54,8 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer: a Scene of effects that replace the effect if this
-        value needs further changes, and None if the field only states a property of another field.
+        For every field, another value that changes the answer. A value that needs further changes is given as a Scene
+        of effects that replace the effect. None means that the field only states a property of another field.
     in_space : bool
         True for the unit cube.
 
@@ -85,7 +85,7 @@ class EffectSample:
 
     @property
     def fields(self) -> list[str]:
-        """The names of the fields of the effect; in space without `plane`."""
+        """The names of the fields of the effect, without `plane` for bodies in space."""
         effect: Any = self.effect
         names = [one.name for one in dataclasses.fields(effect)]
         return [name for name in names if not (self.in_space and name == "plane")]
@@ -106,7 +106,7 @@ class EffectSample:
         return simulate(Scene(*effects), self.mesh(), TIMES)
 
     def contribution(self, effect: Effect, which: int = 0) -> Any:
-        """Return, as plain data, what an effect contributes to a new space on a mesh."""
+        """Return the contribution of an effect on mesh `which`, as plain data."""
         return content(effect.contribute(Space(self.mesh(which))))
 
 
@@ -119,7 +119,7 @@ def mesh(family: str = "squares", n: int = 3) -> Mesh:
 
 
 def content(thing: Any, rows: int = 1) -> Any:
-    """Return a contribution as comparable plain data, with some values of each function in place of the function."""
+    """Return a contribution as plain data that can be compared; functions become values at some instants."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -141,14 +141,12 @@ def content(thing: Any, rows: int = 1) -> Any:
 
 
 def nameless(thing: Any) -> Any:
-    """Return content without the entries named "subject"."""
     if isinstance(thing, dict):
         return {name: nameless(value) for name, value in thing.items() if name != "subject"}
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
 
 
 def contributes_the_same_arrays_after_other_runs(sample: EffectSample) -> None:
-    """Check that arrays stay the same after a run, after use of another mesh, and for a copy of the effect."""
     first = sample.contribution(sample.effect)
     sample.answer(sample.effect, *sample.beside)
     assert sample.contribution(sample.effect, 1) != first
@@ -193,7 +191,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
 
 
 def has_the_slope_of_its_law(sample: EffectSample) -> None:
-    """Check the slope against difference quotients towards larger normal forces; a wrong slope invalidates bounds."""
+    """Compare the slope of a law with difference quotients; a wrong slope invalidates bounds."""
     for friction in sample.effect.contribute(Space(sample.mesh(2))).frictions:
         m = len(friction.nodes)
         past, none = np.linspace(0.0, 1.0, m), np.zeros(m)
@@ -209,7 +207,6 @@ def _units(vectors: Floats) -> bool:
 
 
 def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> None:
-    """Check the error for an unknown name: it begins with the class, lists existing names, and says how to add one."""
     if isinstance(sample.effect, IN_CELLS):
         words = "on= selects the cells where a cell datum is nonzero; found 'wst', but this mesh has 'west', 'east'"
         there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"

@@ -1,4 +1,4 @@
-"""The lowest-order virtual element method, Section 3 of the paper named in :mod:`vemcvx`: spaces, matrices, loads."""
+"""Spaces, matrices and loads of the lowest-order virtual element method (Section 3 of the paper in :mod:`vemcvx`)."""
 
 from vemcvx.vem.boundary import BoundaryRows
 from vemcvx.vem.elasticity import consistent_blocks, stiffness, strains

@@ -1,8 +1,8 @@
 """Matrices that evaluate virtual functions and cell data at points of polyhedra.
 
 A point lies in a closed cell if the faces of the cell, seen from the point, have solid angles with the sum 4 pi, or if
-the point is on one of these faces up to rounding. On faces, virtual functions are piecewise linear on triangles
-(:mod:`.projection`). Inside a cell their values are unknown, and we use Pi u.
+the point is on one of these faces up to rounding. On faces, virtual functions u are piecewise linear on triangles.
+Inside a cell, the values of u are unknown, and we use the projection Pi u (:mod:`.projection`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return two matrices that give values at points (p, 3): the first from nodal values, the second from cell values.
+    """Return two matrices, from nodal values and from cell values, to values at points (p, 3).
 
     Where several cells meet at a point, the cell values are averaged. Points outside the mesh have empty rows.
     """
-    # Each point meets a few hundred triangles, so points are treated in batches.
     parts = [_places(space, mesh, x[k : k + CHUNK_SIZE]) for k in range(0, len(x), CHUNK_SIZE)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
@@ -33,7 +32,6 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     offsets, vertices = mesh.cell_nodes
     low, high = (f.reduceat(mesh.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-    # The tolerance allows for rounding: a coordinate computed as 0.1 + 0.2 is off by 5e-17.
     reach = ROUNDING * mesh.h + TOLERANCE * float(np.abs(mesh.points).max())
     point, cell = overlapping_boxes(x - reach, x + reach, low, high)
     if len(point) == 0:
@@ -54,7 +52,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     on = distance <= reach
     holds = (np.bincount(pair, angles, len(point)) > 2.0 * np.pi) | (np.bincount(pair, on, len(point)) > 0)
     if mesh.interfaces:
-        # A point on an interface belongs to the first body, unless only cells of second bodies contain it.
+        # On an interface of two bodies, cells of the second body count only if no other cell contains the point.
         seconds = np.zeros(mesh.n_faces, dtype=bool)
         for joint in mesh.interfaces.values():
             seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
@@ -75,10 +73,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Return the offsets (f + 1,) of the triangles of faces (f,), the triangles (t, 3, 3), and a matrix (3 t, n_nodes).
-
-    The matrix maps nodal values to values at the corners of the triangles.
-    """
+    """Return offsets and corners (t, 3, 3) of the triangles of faces, and the matrix from nodal to corner values."""
     owner, corners, values = [], [], []
     for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
         f, n = group.nodes.shape
@@ -101,7 +96,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return a point near the origin on each triangle: barycentric coordinates (k, 3) and distance to the origin."""
+    """Return, for each triangle, barycentric coordinates (k, 3) of a point near the origin, and the distance."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

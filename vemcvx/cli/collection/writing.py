@@ -1,13 +1,13 @@
 """A collection of programs with certified optima: each program is a step of a run.
 
-A grade names the difficulty of its instances. *easy* and *sizes*: the paper's scene and closed forms. *bounds*:
-one-sided contact. *pressure*: friction bounds by Coulomb's law at the pressures of the solution. *discs*: friction in
-space, with one second-order cone per contact node. *bodies*: several bodies. *floating*: the stiffness K has a kernel,
-because only friction and contact hold the bodies. *soft*: compliant obstacles. *viscous*: damping matrices. *sticking*:
-few nodes slip. *degenerate*: many nodes have zero slip and a friction force at its bound. *incompressible*: K has a
-condition number up to 1e9. *units*: numbers of unusual magnitude. *large*: sparse K with up to a million unknowns.
-*no optimum*: infeasible or unbounded programs, with a certificate. *sequences*: the 256 steps of a run; each answer is
-a warm start for the next step.
+A grade names the difficulty of its instances. *easy*: the paper's scene, and scenes with a solution in closed form.
+*sizes*: other meshes of the paper's scene. *bounds*: one-sided contact. *pressure*: friction bounds by Coulomb's law at
+the pressures of the solution. *discs*: friction in space, with one second-order cone per contact node. *bodies*:
+several bodies. *floating*: the stiffness K has a kernel, because only friction and contact hold the bodies. *soft*:
+compliant obstacles. *viscous*: damping matrices. *sticking*: few nodes slip. *degenerate*: many nodes have zero slip
+and a friction force at its bound. *incompressible*: K has a condition number up to 1e9. *units*: numbers of unusual
+magnitude. *large*: sparse K with up to a million unknowns. *no optimum*: infeasible or unbounded programs, with a
+certificate. *sequences*: the 256 steps of a run; each answer is a warm start for the next step.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class CollectionInstance:
 
 
 Row = tuple[str, str, tuple[int, ...], tuple[int, ...]] | tuple[Any, ...]
-"""Grade, problem, arguments n of its mesh, steps, and optional settings."""
+"""Grade, name of a problem file, arguments n of its function `mesh`, steps, and optional settings."""
 
 
 def _list_instances(rows: Sequence[Row], *, of: int = 8, **more: Any) -> tuple[CollectionInstance, ...]:
@@ -171,7 +171,6 @@ SEQUENCES = _list_instances(
     of=256,
     steps=256,
 )
-"""Three sequences: the first has absolute values, the second Coulomb's weights and bounds, the third discs."""
 LARGE = _list_instances([("large", PAPER, (128, 224, 707), (8,)), ("large", BLOCK, (16, 24, 32), (8,))], condense=False)
 """Instances that are written only on request: they take minutes and a gigabyte."""
 FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2) | {"discs": 6}
@@ -199,7 +198,7 @@ class Collection:
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-        # The log would name unusual features of scenes, which are intended here.
+        # The log would report features of scenes that are intended here.
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
@@ -296,7 +295,8 @@ def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[Step
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     """Return the program with a new limit that contradicts the first limit, and multipliers that prove infeasibility.
 
-    With o = |e|_oo, or |d|_oo if e = 0, the limits D_1 d <= e_1 and -D_1 d <= -e_1 - o have the sum 0 <= -o.
+    The new limit is -D_1 d <= -e_1 - o, where o > 0 is the largest |e_j|, or |d_i| if e = 0. Its sum with the first
+    limit D_1 d <= e_1 is 0 <= -o.
     """
     operators = program.operators
     D = sp.csr_matrix(sp.vstack([operators.D, -operators.D[:1]]))
@@ -315,7 +315,7 @@ def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     operators = program.operators
     assert operators.kernel is not None
     motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
-    # Rounding of the entries of r must not exclude a motion along an obstacle.
+    # Allow for the rounding of r, because motions along an obstacle are admissible.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1)) or np.abs(program.g).max()
     g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray

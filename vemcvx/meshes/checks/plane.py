@@ -1,4 +1,4 @@
-"""Checks of plane meshes: from user input to arrays of cells that tile a domain, or a MeshError.
+"""Checks of plane meshes: they return arrays of cells that tile a domain, or raise MeshError.
 
 Clockwise cells are reversed and unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon
 is simple, and whether polygons form a coverage: no two overlap, and where two meet they have the same vertices.
@@ -211,13 +211,13 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the smallest height of a cell (area divided by diameter), to which widths of gaps are compared."""
+    """Return the smallest height (area divided by diameter) of all cells."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return two cells (of two bodies if `body` is given) that fit worst, and a point there; None if all fit."""
+    """Return the two cells that fit worst, and where; None if all fit. Given `body`, cells of one body always fit."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -227,7 +227,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
     overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
-    # prefer edges with a common segment (a hanging node is missing) to edges along a gap
+    # edges with a common segment, on which a hanging node is missing, come before edges along a gap
     along = shapely.length(shapely.intersection(edges[one], edges[other]))
     near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):

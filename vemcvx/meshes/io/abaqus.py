@@ -27,7 +27,7 @@ TYPES = {
     r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
     r"B[23](\d)": {1: "line", 2: "line3"},
 }
-"""Pattern of the name of an element type (more letters may follow) -> number in this name -> kind of cell."""
+"""Pattern of the names of element types -> number that its bracket matches -> kind of cell."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -86,7 +86,7 @@ class _Deck:
     kinds: list[str] = field(default_factory=list)
     rows: list[list[int]] = field(default_factory=list)  # positions of the nodes of the elements
     numbers: defaultdict[tuple[str, str], dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
-    """Instance ("" if none), and "NSET" or "ELSET" -> number of the node or element in the file -> its position."""
+    """(instance or "", "NSET" or "ELSET") -> number of a node or element in the file -> position in the deck."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
     sides: dict[str, list[list[int]]] = field(default_factory=dict)  # surface -> positions of the nodes of its sides
     parts: dict[str, list[Block]] = field(default_factory=dict)
@@ -180,7 +180,7 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements that `word` (a number or the name of a set) stands for in the list of `name`."""
+        """Return the nodes or elements of `word`, a number or the name of a set, in the data of `name`."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]

@@ -47,7 +47,7 @@ def power_of_two(x: Floats | float) -> Floats:
 
 
 def lengths(x: Floats) -> Floats:
-    """Return the Euclidean length of each row of x (k, components), faster than NumPy's norm."""
+    """Return the Euclidean length of each row of x (k, components)."""
     return np.abs(x[:, 0]) if x.shape[1] == 1 else np.sqrt(np.einsum("ij,ij->i", x, x))
 
 
@@ -57,7 +57,7 @@ def directions(x: Floats, size: Floats) -> Floats:
 
 
 def onto_discs(lam: Floats, w: Floats) -> Floats:
-    """Return the vectors x_i of lengths <= w_i (m,) that are nearest to the rows of `lam` (m, block)."""
+    """Project each row of `lam` (m, block) onto the disc whose radius is its entry of `w` (m,)."""
     if lam.shape[1] == 1:  # Clipping is exact; scaling would round.
         return np.minimum(np.maximum(lam, -w[:, None]), w[:, None])
     size = np.linalg.norm(lam, axis=1)
@@ -66,27 +66,24 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Return the sums (count,): entry n is the sum of all `weights[i]` with `numbers[i] == n`."""
+    """Add the weights with equal `numbers`: entry n of the result (count,) belongs to number n."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Return the sums (S, count, ...): column n is the sum of all columns `values[:, i]` with `numbers[i] == n`."""
+    """Add the columns of `values` (S, k, ...) with equal `numbers`: column n of the result belongs to number n."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total
 
 
 def are_among(pairs: Ints, known: Ints) -> Bools:
-    """Return True (k,) for pairs (k, 2) of numbers that are among the `known` pairs (e, 2)."""
+    """Return a mask (k,): which rows of `pairs` (k, 2) are also rows of `known` (e, 2)."""
     return np.isin(pairs @ [1, 1j], known @ [1, 1j])
 
 
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
-    """Convert `raw` into a new array of floats, finite or not, or raise SceneError.
-
-    Strings, None, time spans, masked entries and complex numbers are refused, although NumPy would convert them.
-    """
+    """Convert `raw` into a new array of floats, finite or not; raise SceneError for other types, such as strings."""
     array = plain(raw)
     with contextlib.suppress(Exception), np.errstate(over="ignore"):
         kind = "" if array is None else array.dtype.kind
@@ -106,24 +103,21 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the indices of the fewest values (k,) >= 0 whose sum reaches `part` times the total, largest first."""
+    """Return the positions of the largest values that make up the fraction `part` of the sum, in descending order."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
 
 
 def scatter(values: Floats, rows: Ints, n: int) -> Floats:
-    """Return the vector (n,) with `values` (k,) at the indices `rows` (k,), and zero elsewhere."""
+    """Return a vector of `n` entries: `values` at the indices `rows`, and zero elsewhere."""
     array = np.zeros(n)
     array[rows] = values
     return array
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return t -> value(t), or zeros if all entries of value(t) are below 1e-60 min(1, largest entry at `times`).
-
-    Without these zeros, energies would underflow, for example in the tails of a pulse exp(-x^2).
-    """
+    """Replace negligible values of a function of time by zeros, because their energies would underflow."""
 
     @cache
     def largest() -> float:
@@ -132,7 +126,6 @@ def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Call
     def drop(t: float) -> Floats:
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
-        # Most arrays have an entry above 1e-60. Then `largest`, which evaluates `value` at all times, is not called.
         return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
     return drop
@@ -157,12 +150,12 @@ def one_point(raw: Any, dim: int, subject: str) -> Floats:
 
 
 def shape_in_words(array: Floats) -> str:
-    """Return words for a number or an array of a wrong shape."""
+    """Describe a single number by its value, and an array by its shape."""
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"
 
 
 class ArrayField(NamedTuple):
-    """The description of an array in a record: names of its sizes, NumPy's letter for its kind, and unit."""
+    """The shape of an array in a record, as names; its unit; and its kind, as NumPy's letter."""
 
     sizes: tuple[str, ...]
     kind: str
@@ -208,14 +201,14 @@ def is_real(raw: object) -> TypeGuard[float]:
 
 
 def part(raw: Any, subject: str, name: str, what: str, example: str) -> float:
-    """Return a number between 0 and 1, or raise SceneError."""
+    """Return `raw` as a float; raise SceneError unless it is a number between 0 and 1."""
     if not is_real(raw) or not 0 < raw < 1:
         raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is {what} between 0 and 1, such as {example}.")
     return float(raw)
 
 
 def number(raw: Any, found: str, wanted: str) -> float:
-    """Return a finite number; `found` begins the message of a SceneError, such as "energy_distance: found time"."""
+    """Return `raw` as a float; raise SceneError unless it is finite. The message begins with `found`."""
     if not is_real(raw) or not abs(raw) <= sys.float_info.max:
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}.")
     return float(raw)
@@ -230,19 +223,19 @@ def choice(raw: Any, subject: str, name: str, words: Sequence[str], error: type[
 
 
 def instance(raw: Any, kinds: type | tuple[type, ...], found: str, wanted: str) -> Any:
-    """Return an instance of `kinds`, or None; `found` begins the message of a SceneError, as in `number`."""
+    """Return `raw`; raise SceneError unless it is None or an instance of `kinds`."""
     if raw is not None and not isinstance(raw, kinds):
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
     return raw
 
 
 def function(raw: Any, found: str, wanted: str) -> Any:
-    """Return a function, or None; raise SceneError for anything else."""
+    """Return `raw`; raise SceneError unless it is None or a function."""
     return instance(raw, Callable, found, wanted)  # type: ignore[arg-type]
 
 
 def check_takes(function: Callable[..., object] | None, count: int, subject: str, wanted: str) -> None:
-    """Raise SceneError if a function does not take `count` arguments; `wanted` names them."""
+    """Raise SceneError if a function does not take `count` arguments."""
     try:
         inspect.signature(function or (lambda *_: None)).bind(*range(count))
     except TypeError as error:
@@ -271,10 +264,7 @@ def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject
 
 
 def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
-    """Convert a dense or sparse matrix into a sparse matrix of finite numbers, and check its shape if one is given.
-
-    The result is a copy, unless the entries of `raw` are read-only.
-    """
+    """Convert a matrix into a sparse matrix of finite numbers with the given shape; copy it unless it is read-only."""
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
         try:
@@ -304,7 +294,7 @@ def check_compressed(matrix: sp.csr_matrix) -> None:
 
 
 def as_array_of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
-    """Convert `raw`, of a given shape or flat, into an array of real numbers of this shape."""
+    """Convert `raw` into an array of real numbers of the given shape; a vector of the same size is reshaped."""
     return as_shaped_array(raw, subject, f"numbers of shape {shape}", shape, (int(np.prod(shape)),)).reshape(shape)
 
 

@@ -15,10 +15,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """A table of headings and rows of cells; the unit of a heading follows a line break.
-
-    Cells are strings; CSV also accepts numbers. A table without headings lists names and descriptions.
-    """
+    """A table of strings (in CSV, also numbers). A heading may have a unit, after a line break."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Any]]
@@ -58,7 +55,7 @@ class Table:
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
     def html(self) -> str:
-        """Return an HTML table, with small units below the headings; cells of words have the class "w"."""
+        """Return an HTML table."""
         kinds = map(_kind, self.rows[0]) if self.rows else [""] * len(self.heads)
         head = ""
         for kind, words in zip(kinds, self.heads, strict=True):

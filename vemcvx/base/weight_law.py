@@ -1,13 +1,13 @@
-"""Laws of friction: weights w = W(t, p, past, slip), the largest possible friction forces at the nodes.
+"""Laws of friction. The weight w of a node is its largest possible friction force.
 
-In Tresca's law the weights are given. In other laws they depend on the normal forces p (Coulomb: w = mu p), on slips
-before the step, on the slip s of the step, or on the slip rate |s|/k, with the duration k of the step. The answer of a
-step then solves a convex program whose weights are evaluated at the pressure and slip of this answer. The certificate
+In Tresca's law the weights are given. Other laws compute them from the normal forces p (Coulomb: w = mu p), from slips
+before the step, from the slip s of the step, or from the slip rate |s| / k of a step of duration k. Weights may then
+depend on the answer of the step. With these weights held fixed, the answer solves a convex program. The certificate
 holds for this program; its kind is called "for the given friction".
 
-If weights do not depend on p, and do not fall as the slip of the step grows (`softening` = 0), the step itself is a
-convex program. Its terms are phi(|s|) in place of w |s|, with phi(r) = int_0^r w(q) dq and the weight w(q) at a slip of
-length q. Then the certificate is a bound: docs/theory/coulomb.md has the proof.
+If weights do not depend on p, and do not fall as the slip grows (`softening` = 0), the step is a convex program with
+terms phi(|s|) in place of w |s|. Here phi(r) = int_0^r w(q) dq, and w(q) is the weight at a slip of length q. Then the
+certificate bounds the error of the step (proof: docs/theory/coulomb.md).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    In an effect, a law has m rows, each with its normal force p (m,). A system has m norm terms w |s| of friction, and
-    r limits (rows of one-sided contact). Its law has the forces p (r,) of all limits, and a slope (m, r).
+    The law of an effect computes m weights, one per row, from the normal forces p (m,) of the same rows. The law of a
+    system computes the weights of all m norm terms from the forces p (r,) of all r limits; its slope is (m, r).
 
     Parameters
     ----------
@@ -35,16 +35,15 @@ class Law:
         Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over earlier steps, `slip` (m,) is |slip| of
         the step.
     softening : number or (m,) array, optional
-        The largest decrease of weights per unit slip of the step (force per length), if the law does not depend on p. A
-        step has one solution if this decrease is small (:mod:`vemcvx.stepping.refusals`). None: unknown, not checked.
+        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. A step has
+        one solution if the decrease is small (:mod:`vemcvx.stepping.refusals`). None means unknown: no check is made.
     pressed : bool
-        True if weights of an effect depend on normal forces. This requires one-sided contact on the same boundary. If
-        False, p is an empty array.
+        True if weights depend on normal forces; an effect then needs one-sided contact on the same boundary. If False,
+        p is an empty array in an effect.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative dw/dp (at kinks, towards larger p) of weights that do not depend on the slip of the step.
+        The derivative dw/dp; at kinks, the derivative towards larger p. Omit it if weights depend on `slip`.
     slips : bool
-        True if weights depend on slips, before the step or in it. If False, `past` and `slip` are empty arrays in an
-        effect, and zeros in a system.
+        True if weights depend on `past` or `slip`. If False, both are empty arrays in an effect, and zeros in a system.
     rates : bool
         True if `slip` is the slip rate, |slip| over the duration of the step; it is zero at the initial instant. Then
         `softening` is the largest decrease of weights per unit of this rate.

@@ -39,7 +39,7 @@ from vemcvx.stepping import CHECKPOINT, Folder
 
 REPORT = "report.html"
 ROWS = "rows"
-"""The subfolder of the output folder in which a run keeps completed steps until the history is written."""
+"""Subfolder of the output folder: completed steps are kept there until the history is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +81,12 @@ class Run:
             say("\n".join(self.execute(problem)[1]))
 
     def execute(self, problem: Problem) -> tuple[History, list[str]]:
-        """Simulate, write and draw by the options of the command; return the history and the lines to print."""
+        """Execute the command for a single run; return the history and the lines to print."""
         folder, drawings = self._refuse_early(problem)
         default = 64 if self.target is None else 8
         steps, n = self.steps or default, self.n or problem.default_n(default, self.mesh)
         stored = int(self.store) if self.store.isdecimal() else self.store
-        # The folder is locked until the history is written: a second run with the same folder is refused.
+        # Until the history is written, a second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
@@ -147,13 +147,12 @@ class Run:
             raise typer.Exit(NOT_CERTIFIED if failed == {MISSED} else INVALID)
 
     def _march(self, posed: Posed, **how: Any) -> History:
-        """Return the history of a posed run."""
         return posed.simulate(condense=self.condense, linear=make_linear_solver(self.linear), **how)
 
     def _simulate_stages(
         self, problem: Problem, mesh: AnyMesh, store: int | str, *, show: ShowProgress, folder: Path | None
     ) -> tuple[History, list[str]]:
-        """Return the stages as one history, and a line for each stage; write each stage to its own folder."""
+        """Simulate all stages, and write each into a folder; return one history, and a line to print for each stage."""
         solver, found, lines = make_solver(self.solver, self.accuracy), list[History](), list[str]()
         for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
@@ -165,8 +164,6 @@ class Run:
         return joined(found), lines
 
     def _adapt(self, posed: Posed, target: float, show: ShowProgress) -> tuple[History, list[str]]:
-        """Return the history of an adaptive run that begins with the mesh and the instants of `posed`."""
-
         def show_estimate(now: Any) -> None:
             show(f"adapting, {now.unknowns} unknowns and {count_steps(now.steps)}, error {now.total:.1%}", 0, None)
 
@@ -174,7 +171,7 @@ class Run:
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
-        """Check options and folders; return the folder of the history (or None), and that of pictures and report."""
+        """Check options and folders; return the folder of the history (or None), and the folder of the pictures."""
         folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         if self.resume is not None and self.out is not None:
@@ -201,7 +198,7 @@ class Run:
         return folder, drawings
 
     def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:
-        """Write the history if a folder is given; return its summary, its extremes and its files in words."""
+        """Write the history if a folder is given; return lines to print: summary, extreme values, written files."""
         show("extremes", 0, None)
         extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
@@ -216,11 +213,11 @@ class Run:
         return [replace(history, seconds=seconds).summary(), *extremes, words]
 
 
-LEAST_MEMORY = 2000.0  # Least memory that solvers need, bytes per unknown.
+LEAST_MEMORY = 2000.0  # bytes per unknown
 
 
 def check_memory(problem: Problem, n: int, family: str | None) -> None:
-    """Refuse a mesh that is too large for the memory of the machine before it is made."""
+    """Raise ProblemError if a mesh that is not yet made would need more memory than the machine has."""
     if n <= 64 or (family is not None and is_file(family)):
         return
     dimension = 3 if problem.in_space(family) else 2
@@ -240,7 +237,7 @@ def machine_memory() -> float:
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
-    """Run one combination of a study in a new process; return its row and the units of its figures."""
+    """Run one combination of a study in a new process; return the row of the table, and units of the columns."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
     folder = run.out and status == DONE and str(run.out)

@@ -33,7 +33,7 @@ def say(text: str, err: bool = False) -> None:
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Split the text of an option at commas, and return its distinct values; `kind` converts a word to a value."""
+    """Split the text of an option at commas, convert each word by `kind`, and return the distinct values."""
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
     except ValueError:
@@ -68,7 +68,7 @@ LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal. Sh
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[ShowProgress]:
-    """Show task, progress and time on standard error: a bar on a terminal, else a line every LINE_INTERVAL seconds."""
+    """Show progress on standard error: on a terminal by a bar, elsewhere by lines."""
     if not sys.stderr.isatty():
         yield ProgressLines()
         return
@@ -105,7 +105,7 @@ class ProgressLines:
 
 @contextmanager
 def limit_log(times: int) -> Iterator[None]:
-    """Limit the log of the package inside the block: at most `times` lines with the same text before the colon."""
+    """Limit the log inside the block to `times` lines of each kind; the kind of a line is its text before the colon."""
     counts: Counter[str] = Counter()
 
     def is_within_limit(record: logging.LogRecord) -> bool:
@@ -127,7 +127,7 @@ INVALID, NOT_CERTIFIED = 2, 3
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Turn an error inside the block into a line and an exit code, and each new warning into a line."""
+    """Print errors and warnings that are raised inside the block; after an error, end with its exit code."""
     shown = set[str]()
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:

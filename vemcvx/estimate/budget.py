@@ -2,10 +2,11 @@ r"""The error of a run by source: the algebra, the mesh, and the steps.
 
 $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 
-algebra is the sum of the certified errors of the steps (:attr:`vemcvx.History.certificate_total`). space is estimated
-by residuals of states on each cell (:mod:`.residual`). time is the distance from the same run with finer steps on the
-same mesh (:mod:`.finer_steps`). All three are energy errors relative to the largest energy norm of the run. If this
-norm is zero, they are relative to the largest estimate.
+- "algebra" is the sum of certified errors over the steps (:attr:`vemcvx.History.certificate_total`).
+- "space" is estimated by residuals in each cell (:mod:`.residual`).
+- "time" is the difference from a second run on the same mesh with finer steps (:mod:`.finer_steps`).
+
+All three are energy norms, divided by the largest energy norm of the run or, if it is zero, by the largest estimate.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from vemcvx.vem.elasticity import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError if stiffness and material yield different energies of the displacements u (n_nodes, dim)."""
+    """Raise SceneError unless the energy of u (n_nodes, dim) by the stiffness is its energy by the material."""
     posed.space.refuse_revolution("error estimates")
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
@@ -37,7 +38,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     material = posed.material
     parts = cell_energies(posed.space, material.moduli, material.choose_stabilisation(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
-    # Rotations have no energy; this is the rounding error of the energies computed for them.
+    # A rotation has no energy, but its computed energy may be as large as `rounding`.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(
@@ -57,15 +58,14 @@ class ErrorBudget(Outlined):
     steps : (S,) int
         The examined steps.
     algebra, space, time : (S,)
-        The errors by source (:mod:`vemcvx.estimate.budget`): `algebra` is certified, `space` and `time` are estimated.
+        The errors by source; `algebra` is certified, `space` and `time` are estimated.
     parts : mapping of str to (S,)
-        The parts of `space`: "volume", "jumps", "boundary", "stabilisation" and "data"; for bodies in space also
-        "pressure". space^2 is the sum of their squares.
+        The parts of `space`, whose squares add up to space^2: "volume", "jumps", "boundary", "stabilisation", "data"
+        and, for bodies in space, "pressure".
     cells : (n_cells,)
-        The largest eta_K (:mod:`vemcvx.estimate.residual`) of each cell over the examined steps.
+        The estimated error of each cell (eta_K in :mod:`vemcvx.estimate.residual`), the largest over the steps.
     scale : float
-        The largest energy norm of the run, springs included, to which all errors are relative. Measured errors
-        (:class:`.measures.Measured`) are relative to the strain norm of the reference at one instant.
+        The largest energy norm of the run, including springs. All errors are divided by it.
 
     Examples
     --------
@@ -83,12 +83,12 @@ class ErrorBudget(Outlined):
     time: Floats
     parts: dict[str, Floats]
     cells: Floats
-    jumps: tuple[str, ...]  # a sentence for each instant at which data jump
+    jumps: tuple[str, ...]  # one sentence for each discontinuity of the data in time
     scale: float
     history: History
 
     def outline(self) -> Outline:
-        """Return the outline for prompts and notebooks: the parts at the step with the largest sum."""
+        """Return the parts at the step with the largest sum, for prompts and notebooks."""
         worst = self.steps[np.argmax(self.total)]
         parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
         return Outline(
@@ -147,7 +147,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
-    """Return the budget of a run of a posed scene at rows of the arrays of `history`; compute `finer` if not given."""
+    """Return the budget of a run at the given rows of the arrays of `history`."""
     check_estimable(posed, "error_budget")
     require_same_form(posed, history.displacement[rows[-1]])
     run, residuals = history.trajectory, Residuals(posed)
@@ -173,9 +173,9 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 
 
 def estimate_time_error(posed: PosedScene, run: Trajectory) -> Finer:
-    """Compare a run of a posed scene with a run in finer steps."""
+    """Repeat a run with finer steps, and return the comparison."""
     assert run.initial is not None
-    # Friction that is zero at the instants of the run may act between instants.
+    # `posed` omits friction that is zero at all instants of the run; finer steps may need it.
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:

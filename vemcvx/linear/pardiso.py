@@ -1,11 +1,11 @@
-"""oneMKL's PARDISO: the supernodal Cholesky factorisation, through the package py-mkl-pardiso (extra ``mkl``).
+"""oneMKL's PARDISO: the Cholesky factorisation K = L L', through the package py-mkl-pardiso (extra ``mkl``).
 
-PARDISO's array `perm` marks m unknowns c. With the setting iparm[35] = 2, phase 12 factorises all of K = L L', and
-returns the Schur complement onto c as m x m numbers at the beginning of the solution array. Phase 33 solves with these
-factors; phase 333 substitutes backward, and leaves x_c unchanged. PARDISO orders the unknowns itself, on one thread.
+Let c be the m unknowns that PARDISO's array `perm` marks. With the setting iparm[35] = 2, phase 12 factorises K, and
+writes the m^2 entries of the Schur complement onto c to the beginning of the solution array. Phase 33 solves K x = b.
+Phase 333 solves L'x = b for the unknowns outside c, with x_c = b_c.
 
-The package's public class factorises before `perm` can be set, so we use its base class, _PardisoSolver. We do not
-request blocks of unknowns whose rows have the same pattern (iparm[36]): blocks of more than 256 crash the process.
+The public class of py-mkl-pardiso factorises before `perm` can be set, so we use its base class, _PardisoSolver. The
+setting iparm[36] (blocks of rows with the same pattern) is off, because blocks of more than 256 rows crash the process.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ POSITIVE_DEFINITE = 2
 class Pardiso(LinearSolver):
     """oneMKL's PARDISO (extra ``mkl``; x86-64 on Linux and Windows): a few times as fast as SuperLU, on one thread.
 
-    If it is installed, it is the default from a thousand unknowns on (:func:`vemcvx.linear.choose_linear`).
+    An installed PARDISO is the default from a thousand unknowns on (:func:`vemcvx.linear.choose_linear`).
 
     Attributes
     ----------
     largest_in_space : int
-        In space, this solver is the default up to this number of unknowns; its factors then take 8 GB.
+        The largest number of unknowns for which PARDISO is the default in space. The factors then take 8 GB.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class Pardiso(LinearSolver):
 
     @staticmethod
     def is_installed() -> bool:
-        """Return True if the package is installed."""
+        """Return True if py-mkl-pardiso is installed."""
         return _find_solver_class() is not None
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
@@ -61,7 +61,7 @@ class Pardiso(LinearSolver):
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PardisoFactor | SuperLUFactor, Floats]:
         inner = np.delete(np.arange(K.shape[0]), last)
-        # If K_ii is diagonal, PARDISO's Schur complement reads uninitialised memory.
+        # PARDISO reads uninitialised memory if the block of the unknowns outside `last` is diagonal.
         if len(last) and all(K[some][:, inner].nnz <= len(some) for some in (inner[:64], inner)):
             return SuperLU().eliminate(K, order, last)
         factor = PardisoFactor(K, last)
@@ -69,7 +69,7 @@ class Pardiso(LinearSolver):
 
 
 class PardisoFactor(Factor):
-    """The factors K = L L'; `schur` (m, m) is the Schur complement onto the unknowns `last`, in this order."""
+    """The factors of K; `schur` (m, m) is the Schur complement onto the unknowns `last`, in the order of `last`."""
 
     def __init__(self, K: sp.csr_matrix, last: Ints):
         n, m, diagonal = K.shape[0], len(last), K.diagonal()
@@ -78,7 +78,7 @@ class PardisoFactor(Factor):
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _create_solver(K, last, self.unit)
-        # PARDISO fills columns of n numbers with the m^2 entries of the Schur complement S, for the sorted `last`.
+        # PARDISO writes the Schur complement S in ascending order of unknowns; `own` has room for its m^2 entries.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:
@@ -92,8 +92,8 @@ class PardisoFactor(Factor):
         if info > 0:
             raise singular_matrix_error()
         self.schur: Floats = self.unit * S
-        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small. Estimate (K^{-1})_ii from random vectors x
-        # whose covariance is `self.unit` times K^{-1}.
+        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small for some i. The random vectors x have the
+        # covariance `self.unit` K^{-1}, so the mean of x_i^2 estimates `self.unit` (K^{-1})_ii.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
         x = self._run(333, z)
@@ -112,14 +112,13 @@ class PardisoFactor(Factor):
 
 
 def _find_solver_class() -> Any:
-    """Return the solver class of the package, or None if it is not installed."""
     with suppress(ImportError):
         return getattr(import_module(PACKAGE), "_PardisoSolver", None)
     return None
 
 
 def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
-    """Return a solver of the package that holds the upper triangle of K / unit."""
+    """Return a solver of py-mkl-pardiso that holds the upper triangle of K / unit."""
     if (kind := _find_solver_class()) is None:
         raise NotAccepted(
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
@@ -133,7 +132,7 @@ def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
         K.sum_duplicates()
     upper = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
     solver = kind(POSITIVE_DEFINITE, 0)
-    # Use our settings in place of the defaults: nested dissection, factorisation in two levels, indices from zero.
+    # 0: no default settings. 1: nested dissection. 23: factorisation in two levels. 34: indices from zero.
     settings = {0: 1, 1: 2, 23: 1, 34: 1}
     if len(last):
         settings[35] = 2

@@ -1,10 +1,11 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, on one or more machines.
 
-Rank 0 poses the problem, holds K and computes the steps. Each rank holds some rows of K and a part of the multigrid
-hierarchy. Ranks above 0 wait for calls (:func:`serve`) of methods of :class:`Ranks`, which all ranks then execute.
+Rank 0 poses the problem, holds the whole matrix K and computes the steps. Each rank holds some rows of K and a part of
+the multigrid hierarchy. Ranks above 0 wait in :func:`serve`. If rank 0 needs a method of :class:`Ranks`, it sends the
+name of the method to the other ranks, and all ranks execute the method.
 
-GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Both smoothers are
-self-adjoint in the energy, with eigenvalues of at most 1, so that the bounds of :mod:`vemcvx.linear.iterative` hold.
+GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Therefore the cycle is
+a symmetric matrix M such that no eigenvalue of M K exceeds 1, as the bounds of :mod:`vemcvx.linear.iterative` require.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "-1",  # keep weak couplings: coarse matrices become fuller without them
-    "mg_coarse_pc_type": "redundant",  # one block per rank could give eigenvalues above one
+    "pc_gamg_threshold": "-1",  # drop no weak couplings: without them, coarse matrices become fuller
+    "mg_coarse_pc_type": "redundant",  # with one block per rank, eigenvalues of M K may exceed 1
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
-"""Below this number of unknowns K is also factorised: GAMG may then have a single level, and factors take 5 ms."""
+"""Number of unknowns below which GAMG may have a single level; K is then also factorised, which takes 5 ms."""
 CALL, BLOCK = 1, 2
 """Tags of MPI messages: a method call, and a block of rows."""
 log = logging.getLogger("vemcvx")
@@ -45,11 +46,11 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True)
 class PETSc(Iterative):
-    """PETSc (extra ``petsc``): K in row blocks over the ranks of MPI, conjugate gradients with multigrid.
+    """PETSc (extra ``petsc``): conjugate gradients with multigrid, distributed over the ranks of MPI.
 
     One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes the hierarchy and the
     solves over eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of
-    simulating. Rank 0 also holds all of K. Parameters, certificates and suitable bodies are as for ``Iterative``.
+    simulating. Rank 0 also holds the whole stiffness matrix. For parameters and certificates, see ``Iterative``.
 
     Examples
     --------
@@ -62,13 +63,13 @@ class PETSc(Iterative):
         if ranks.comm.rank > 0:
             raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
         K = sp.csr_matrix(K)
-        if K.shape[0] < SMALL:  # The pseudo-inverse of a single level would hide that K is singular.
+        if K.shape[0] < SMALL:  # With a single level, GAMG would not notice a singular K.
             SuperLU().factorise(K)
         return PETScFactor(self, K, near_kernel, ranks)
 
 
 class PETScFactor(IterativeFactor):
-    """A matrix K distributed over all ranks. Ranks hold one matrix, and replace it when another matrix is used."""
+    """A distributed matrix K. The ranks hold one matrix at a time: the one that was used last."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
         # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.
@@ -95,7 +96,7 @@ class PETScFactor(IterativeFactor):
 
 
 class Ranks:
-    """One rank's block of K's rows, its part of the hierarchy, and its messages to other ranks."""
+    """The data of one rank (its rows of K and its part of the hierarchy), and its messages to other ranks."""
 
     def __init__(self) -> None:
         # A rank that spins while it waits would take cores from ranks that compute.
@@ -117,12 +118,12 @@ class Ranks:
             atexit.register(self._tell, None)
 
     def call(self, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
-        """Call a method with the arguments `shared` on all ranks; on rank 0 the arguments `own` follow them."""
+        """Call method(*shared) on ranks above 0, and method(*shared, *own) on rank 0."""
         self._tell((name, shared))
         return self.act(name, *shared, *own)
 
     def act(self, name: str, *arguments: Any) -> Any:
-        """Call a method on this rank. If it fails, end all ranks, because other ranks may be waiting for this rank."""
+        """Call a method on this rank. If the method fails, end all ranks, because they may be waiting for this rank."""
         try:
             return getattr(self, name)(*arguments)
         except Exception as error:
@@ -163,18 +164,18 @@ class Ranks:
         self._objects = [ksp, near, x, b, scatter, whole, A]
 
     def solve(self, tolerance: float, iterations: int, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return an approximation of K^{-1} b on rank 0, and the status: 0 if its residual meets the tolerance."""
+        """Return x with K x = b on rank 0, None on others; and 0 if the tolerance was reached, else 1."""
         ksp = self._objects[0]
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=iterations)
         x = self._exchange(ksp.solve, b)
         return x, 0 if ksp.getConvergedReason() > 0 else 1
 
     def cycle(self, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return M b on rank 0, and the status, always 0."""
+        """Return M b on rank 0, where M is one multigrid cycle, and the status 0."""
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
-        """Spread a vector (n,) of rank 0 over the ranks, call `act` on it, and gather the result (n,) on rank 0."""
+        """Spread the vector `right` of rank 0 over the ranks, call `act`, and gather the result on rank 0."""
         _, _, x, b, scatter, whole, _ = self._objects
         if right is not None:
             whole.getArray()[:] = right
@@ -206,7 +207,7 @@ def all_ranks() -> Ranks:
 
 
 def serve() -> bool:
-    """Answer calls of rank 0 until rank 0 ends, then return True; on rank 0 itself, return False at once.
+    """Serve rank 0 until it ends, then return True; on rank 0 itself, return False at once.
 
     Examples
     --------

@@ -114,7 +114,7 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
-    """Return two meshes: the parts of a mesh behind and ahead of a line (in space: of a plane) along its edges (faces).
+    """Return the two parts of a mesh behind and ahead of a line of edges, in space of a plane of faces.
 
     :func:`vemcvx.meshes.bodies` joins both parts again; the cut becomes an interface, for example for `Pretension`.
     Both parts keep cell data and names of boundaries.

@@ -1,7 +1,7 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-Neighbouring cells share whole sides (edges in the plane, faces in space): a cell may have angles of 180 degrees (at
-hanging nodes) and several coplanar faces.
+Neighbouring cells share whole edges or faces. So a cell has an angle of 180 degrees at a hanging node, and may have
+several coplanar faces.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Sides(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Mesh(ABC):
-    """The common base of `PolygonMesh` and `PolyhedralMesh`: a mesh in the plane or in space.
+    """The base class of `PolygonMesh` and `PolyhedralMesh`.
 
     Attributes
     ----------
@@ -63,13 +63,13 @@ class Mesh(ABC):
     _named: Mapping[str, Ints]
 
     ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
-    NUMBERED: ClassVar[Mapping[str, str]]  # array of node (face, cell) numbers -> "n_nodes" ("n_faces", "n_cells")
+    NUMBERED: ClassVar[Mapping[str, str]]  # name of an array of numbers -> their range, such as "n_nodes"
     PARTS: ClassVar[str]  # "edges" or "faces"
     A_PART: ClassVar[str]  # "an edge" or "a face"
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
-        """Return a mesh of valid arrays, without copies or checks; with ``box``, the sides of the box get names."""
+        """Return a mesh of valid arrays, without copies or checks; boundaries on sides of ``box`` get names."""
         mesh = object.__new__(cls)
         mesh._fill(*arrays)
         return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
@@ -83,7 +83,7 @@ class Mesh(ABC):
     def _take(
         self, found: CheckedMesh, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
     ) -> None:
-        """Fill the mesh with checked arrays, names and data; name straight sides if `boundaries` is None."""
+        """Fill the mesh; if `boundaries` is None and there are no interfaces, straight sides get names."""
         self._fill(*found.arrays, node_map=found.node_map)
         for note in found.notes:
             warnings.warn(note, MeshWarning, stacklevel=3)
@@ -122,7 +122,7 @@ class Mesh(ABC):
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return the positions in `_boundary` of edges or faces, all of which must be on the boundary."""
+        """Return the positions of the given boundary edges or faces in `_boundary`."""
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -130,18 +130,15 @@ class Mesh(ABC):
 
     @cached_property
     def _outer_sides(self) -> Ints:
-        """The numbers of the sides on the boundary, in the order of their cells."""
         return np.flatnonzero(self._sides.cells[:, 1] < 0)
 
     @property
     def _outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of the boundary edges or faces."""
         offsets, vertices, _ = self._sides
         return polygons.rows_in_order(offsets, vertices, self._outer_sides)
 
     @property
     def _owners(self) -> Ints:
-        """The cell of each boundary edge or face."""
         return self._sides.cells[self._outer_sides, 0]
 
     @cached_property
@@ -188,7 +185,7 @@ class Mesh(ABC):
 
     @cached_property
     def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is the whole.
+        """Named parts of the boundary, as edges (m, 2), in space as face numbers (m,); "boundary" is the whole.
 
         An edge (a, b) runs counter-clockwise around its cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
         The name of an interface stands for the edges of its first body; "boundary" contains the edges of both bodies.
@@ -198,7 +195,7 @@ class Mesh(ABC):
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of second bodies that coincide with the edges or faces `parts` of first bodies."""
+        """Return the edges or faces of the second body of each interface that touch `parts` of the first body."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
@@ -218,7 +215,7 @@ class Mesh(ABC):
         """Return the boundary edges or faces on each side of a box, by the name of the side."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        # At a corner, an edge shorter than the tolerance lies on two sides; it gets the name of the parallel side.
+        # An edge shorter than the tolerance lies on two sides of a corner, but is parallel to one of them only.
         longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
@@ -228,7 +225,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return named parts in the order of the boundary, or raise MeshError; `node_map` has the new node numbers."""
+        """Return named parts in the order of the boundary; raise MeshError for edges or faces inside the mesh."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -246,7 +243,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return the positions of given edges or faces in the boundary (-1 if absent), and their nodes as text."""
+        """Return the positions of `given` edges or faces in `_boundary` (-1 if absent), and a text for each."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -255,7 +252,6 @@ class Mesh(ABC):
         return self._find_parts(offsets, vertices, number), called
 
     def _find_parts(self, offsets: Ints, vertices: Ints, number: Ints) -> Ints:
-        """Return the positions of edges or faces in the boundary (-1 if absent); `number` has the new node numbers."""
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)
         return polygons.matching_rows(*self._outlines, offsets, own)
@@ -268,8 +264,8 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            Function of the midpoints (m, 2) of all boundary edges outside interfaces (in space: of the centroids (m, 3)
-            of boundary faces). It returns a mask, bool (m,).
+            Function that takes the midpoints (m, 2) of all boundary edges outside interfaces, in space the centroids
+            (m, 3) of faces, and returns a mask (m,) of bool.
         of : str, optional
             Name of a boundary or interface; the predicate then gets only midpoints or centroids of this part.
         """
@@ -295,22 +291,21 @@ class Mesh(ABC):
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None) -> Self:
-        """Return this mesh with some cells split: polygons and tetrahedra locally, other polyhedra all at once.
+        """Return this mesh with some cells split. In a mesh with other polyhedra than tetrahedra, all are split.
 
-        The parts of a cell stand in its place, and inherit its data. Old nodes come first, then new nodes.
+        The parts of a cell take its place, and inherit its data. Old nodes come first, then new nodes.
 
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split; each tetrahedron gets at least two parts. By default all cells are split, and each
-            tetrahedron gets at least eight parts. Further cells are split until no side has a second hanging node; in
-            space, until there are no hanging nodes.
+            Cells to split, tetrahedra into at least two parts. By default all cells, tetrahedra into at least eight
+            parts. Further cells are split until no edge has two hanging nodes, in space until there are none.
 
         Raises
         ------
         MeshError
-            `cells` are no cells; an edge is too short; a polygon is not star-shaped or has no two long sides; only
-            some cells in space are to be split, and not all are tetrahedra; or parts would have faces that are bent.
+            `cells` is invalid, or has only some cells of a mesh with other polyhedra than tetrahedra. A polygon is not
+            star-shaped or has no two long edges. An edge is too short. A part would have a bent face.
         """
         from vemcvx.meshes.bisection import refine_mesh
 
@@ -325,7 +320,7 @@ class Mesh(ABC):
         Parameters
         ----------
         name : str
-            Name of the new interface, and of the boundary that consists of the edges or faces of the first side.
+            Name of the new interface. The boundary of this name consists of the edges or faces of the first side.
         sides : mapping of str to array_like
             Name of each side of the crack -> its cells, as numbers or a mask.
 
@@ -339,7 +334,7 @@ class Mesh(ABC):
         return open_crack(self, name, sides)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data to a .vtu file, from which `read` restores them exactly.
+        """Write the mesh with named boundaries and cell data to a .vtu file; `read` restores all of them exactly.
 
         ``to("meshio").write(path)`` writes other formats.
         """
@@ -350,8 +345,8 @@ class Mesh(ABC):
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
         """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the inverse.
 
-        Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names of boundaries, and cell
-        data of zeros and ones as subdomains.
+        Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names of boundaries; cell data
+        of zeros and ones become subdomains.
 
         Returns
         -------
@@ -367,7 +362,6 @@ class Mesh(ABC):
         return to_object(self, library)
 
     def _replace(self, **fields: object) -> Self:
-        """Return a copy with other values of the given fields; the copy shares all arrays and cached results."""
         mesh = object.__new__(type(self))
         anew = {"boundaries", "_outer"} if "interfaces" in fields else {"boundaries"}
         mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key not in anew})
@@ -395,7 +389,7 @@ class Mesh(ABC):
 
 
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:
-    """Return the edges or faces where a coordinate is extreme, named "left", "right" ... as in mesh families."""
+    """Return the boundary edges or faces with an extreme coordinate, by the names "left", "right" and so on."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     # the sides of a moved or scaled mesh are straight up to rounding
     rounding = SAME * float((high - low).max())

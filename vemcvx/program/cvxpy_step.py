@@ -1,11 +1,13 @@
-"""The program of a step in cvxpy, in the notation of :class:`vemcvx.program.StepProgram`.
+"""The program of a step in cvxpy, in the notation of :class:`vemcvx.program.StepProgram`, with slips s_i = B_i d - b_i.
 
-    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
+    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |s_i| <= t_i,   D d - v <= e
 
-The unknowns are d, bounds t_i of the norms, and excesses v_j of soft limits; v_j = 0 if limit j is a bound. C is the
-diagonal matrix of compliances. A vector s_i = B_i d - b_i has one second-order cone, with the dual (w_i, -lam_i).
-Absolute values are s <= t and -s <= t; lam is the first dual minus the second. p is the dual of D d - v <= e. A term
-that always sticks is the equation s_i = 0.
+The unknowns are the increment d, bounds t_i of the slips, and excesses v_j of soft limits (v_j = 0 for other limits). C
+is the diagonal matrix of compliances. The multiplier p is the dual of D d - v <= e.
+
+- If slips are vectors, |s_i| <= t_i is a second-order cone with the dual (w_i, -lam_i).
+- If slips are numbers, |s| <= t is written as s <= t and -s <= t; lam is the dual of s <= t minus the dual of -s <= t.
+- A term that always sticks has the further constraint s_i = 0.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CvxpyStep:
-    """The program in cvxpy, and after a solve the multipliers, with the signs of `vemcvx.program.StepProgram`.
+    """The program of a step in cvxpy; the signs of multipliers are those of `vemcvx.program.StepProgram`.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class CvxpyStep:
 
 
 def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) -> CvxpyStep:
-    """Write a step in cvxpy, with data g, w, b, e, or with parameters; terms that are `stuck` (m,) do not slip."""
+    """Return a step in cvxpy; without the data (g, w, b, e), parameters stand for them. `stuck` terms do not slip."""
     import cvxpy as cp
 
     (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance
@@ -102,7 +104,6 @@ def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) 
             lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
         return lam, p
 
-    # OSQP prints, even without verbose, if no constraint is active; the added constraint idle >= 0 is always active.
-    # SCS fails on programs without constraints.
+    # The constraint idle >= 0 is always active: SCS fails without constraints, and OSQP prints if none is active.
     idle = 0.0 if block > 1 and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -1,15 +1,14 @@
-"""A step in terms of contact forces: how slips and gaps change when these forces change.
+"""A step in terms of contact forces: slips and gaps as functions of the forces.
 
-Let A = [B; D] be the rows of norm terms and limits, and x = (lam, p) their forces. If the forces of a step
-(:mod:`.step_program`) change by dx, the vector off = (s, z - c p) of slips and gaps changes by
+In the notation of :mod:`.step_program`, let x = (lam, p) be the forces, A = [B; D] their rows, c the compliances, and
+off = (s, z - c p) the vector of slips s = B d - b and gaps z - c p with z = D d - e. If x changes by dx, off becomes
 
     off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
-Rows are scaled by units u such that W + C has a unit diagonal, so that tolerances do not depend on the system of units.
+Rows are scaled by units u such that the diagonal of W + C is 1. Then tolerances do not depend on the system of units.
 
-If K has a kernel N, anchors (:mod:`.condensation`) make K definite. Increments then have a further component N `a` with
-coordinates `a`. This component changes s and z by R `a`, with R = A N and R'R = I. Forces must balance on the kernel:
-`rest` = N'g - R'x is zero.
+If K has a kernel with the basis N, anchors (:mod:`.condensation`) make K definite. Increments then have a further term
+N alpha, which changes `off` by R alpha, with R = A N and R'R = I. In equilibrium, `rest` = N'g - R'x is zero.
 """
 
 from __future__ import annotations
@@ -32,18 +31,17 @@ class Point:
     """The forces of all rows and the slips and gaps that they cause, in the units of a :class:`Delassus`."""
 
     x: Floats  # (N,) forces (lam, p)
-    off: Floats  # (N,) slips s, and z - c p of limits
-    a: Floats  # (k,) coordinates of the increments in K's kernel
+    off: Floats  # (N,) slips s of norm terms, then gaps (z - c p) of limits
+    a: Floats  # (k,) coordinates alpha in the basis of K's kernel
     rest: Floats  # (k,) imbalance of the forces on the kernel
     start: Point | None = None  # changes are computed from here, so that rounding does not accumulate
 
 
 class Delassus:
-    """The scaled Delassus operator of the rows of norm terms and limits.
+    """The scaled Delassus operator `W` = u (A K^{-1}A' + C) u of all rows, an array or a LinearOperator.
 
-    Forces are divided by u (N,), which is constant in a block; slips and gaps are multiplied by u. The attribute `W`
-    (N, N), an array or a LinearOperator, is u (A K^{-1}A' + C) u; its diagonal is close to 1. `N` (n, k) is a basis
-    of K's kernel such that `R` = u A N (N, k) is orthonormal.
+    Forces are divided by the units `u`, slips and gaps are multiplied by `u`. The rows of one norm term have the same
+    unit. `N` is a basis of K's kernel such that the columns of `R` = u A N are orthonormal.
     """
 
     def __init__(self, operators: Operators):
@@ -65,12 +63,12 @@ class Delassus:
         return 1.1 * float(np.linalg.norm(x))
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
-        """Split a vector (N,) into views (m, block) of norm terms and (r,) of limits."""
+        """Return views of the entries of norm terms (m, block), and of the entries of limits (r,)."""
         rows = self.operators.B.shape[0]
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
     def begin(self, program: StepProgram, lam: Floats, p: Floats, d: Floats | None = None) -> Point:
-        """Return the point under forces lam (m, block) and p (r,), with the kernel component of d (zero without d)."""
+        """Return the point under the forces lam and p; its coordinates alpha are those of d, or zero."""
         operators, x = self.operators, np.concatenate([lam.ravel(), p])
         push = program.g - operators.multiplier_force(lam, p)
         off = self.u * self.excess(program, operators.factor.solve(push), p)
@@ -78,7 +76,7 @@ class Delassus:
         return Point(x / self.u, off + self.R @ a, a, self.N.T @ push)
 
     def excess(self, program: StepProgram, d: Floats, p: Floats) -> Floats:
-        """Return (s, z - c p) (N,) of increments d under the forces p of limits."""
+        """Return the slips and gaps `off` of increments d under the forces p of limits."""
         given = np.concatenate([program.b, program.e + self.operators.compliance * p])
         off: Floats = self.operators.A @ d - given
         return off
@@ -101,7 +99,7 @@ class Delassus:
 
 
 def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
-    """Return u A K^{-1} A' u (N, N) plus the diagonal `yielding` (N,): an array, or an operator if A is too large."""
+    """Return u A K^{-1} A' u + diag(yielding) as an array or, for large systems, as an operator."""
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None
     if not dense and len(read) ** 2 > CHUNK_SIZE:

@@ -1,8 +1,11 @@
 """A quasistatic variational inequality in plain arrays, without a mesh: the argument of `march`.
 
-The inequality is problem 2.1 of the paper with unknowns y(t): a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
-j(v) = sum_i w_i |B_i v|. `Norms` are the terms w_i |B_i v|, with laws for the weights w_i. `Limits` are the bounds
-D_j y <= e_j, or soft limits. Forces lam of norm terms and p >= 0 of limits balance the load, K y + B'lam + D'p = load.
+It is problem 2.1 of the paper for unknowns y(t), with the forms
+
+    a(u, v) = v'Ku,     <l(t), v> = v'load(t),     j(v) = sum_i w_i |B_i v|.
+
+`Norms` are the terms w_i |B_i v|, with laws for the weights w_i. `Limits` are bounds D_j y <= e_j, or soft limits. The
+forces lam of norm terms and p >= 0 of limits balance the load: K y + B'lam + D'p = load.
 """
 
 from __future__ import annotations
@@ -40,12 +43,12 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""A support's slip in a step counts as zero if it is at most this fraction of the support's positions."""
+"""A support's slip in a step counts as zero if it is at most this times the size of the support's positions."""
 CONSTANT = Law(lambda t, p, past, slip: 0.0, softening=np.zeros(1), slips=False)
 
 
 class Rows(ArrayRecord):
-    """The base class of norm terms and of limits; `kind` and `places` name a term or a limit in messages."""
+    """The base class of norm terms and of limits; messages use `places`, or `kind` and a number."""
 
     kind: ClassVar[str]
     places: Callable[[int], str] | None
@@ -63,7 +66,7 @@ class Rows(ArrayRecord):
         return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one number per term or limit (count,); refuse wrong signs, and infinite values except weights."""
+        """Return one number per term or limit, after checks of signs and of infinite values."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
@@ -75,7 +78,7 @@ class Rows(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class Norms(Rows):
-    """The terms w_i |B_i v|: rows i * block to (i + 1) * block - 1 of B form the matrix B_i.
+    """The norm terms w_i |B_i v|. The matrix B_i consists of `block` rows of B, from row i * block on.
 
     Parameters
     ----------
@@ -87,11 +90,10 @@ class Norms(Rows):
     places : callable i -> str, optional
         The place of term i in words, for messages.
     law : Law, optional
-        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`). Programs have these weights instead
-        of `w`.
+        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`), and replace `w`.
     ground : callable t -> (m * block,), optional
-        The displacement g of the ground, whose motion does work. Slips are relative to the ground: the terms are
-        w_i |B_i (y - y_prev) - (g_i - g_i,prev)|.
+        The displacement g of the ground. Terms are w_i |B_i (y - y_prev) - (g_i - g_i,prev)|: slips are relative to
+        the ground. The motion of the ground does work.
 
     Examples
     --------
@@ -127,12 +129,12 @@ class Norms(Rows):
 
     @property
     def rule(self) -> Law:
-        """The law, or without one a law that depends on nothing."""
+        """The law; if None, a law that depends on nothing."""
         return self.law or CONSTANT
 
     @property
     def is_monotone(self) -> bool:
-        """True if weights neither depend on forces of limits, nor fall as slips of the step grow."""
+        """True if weights do not depend on forces of limits, and do not fall as the slip of the step grows."""
         return not (self.rule.pressed or self.softening is None or self.softening.any())
 
     @property
@@ -147,7 +149,7 @@ class Norms(Rows):
         return w if isinstance(w, np.ndarray) else self.read_numbers(at_instant(w, t, "Norms: w"), "w", "weight")
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
-        """Return weights (m,) at `t` for limit forces `p` (r,) and slips (m,): `past` before the step, `slip` in it."""
+        """Return the weights (m,); the arguments are those of `Law.weights`."""
         if self.law is None:
             return self.weights(t)
         slips = (np.zeros(self.count) if x is None else x for x in (past, slip))
@@ -157,7 +159,7 @@ class Norms(Rows):
         )
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
-        """Return the law's derivative (m, r) with respect to limit forces `p` (r,) after slips `past` (m,), or None."""
+        """Return the derivative dw/dp (m, r) of the law; None if it has no slope."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
@@ -169,8 +171,8 @@ class Norms(Rows):
 class Limits(Rows):
     """Limits e_j on the rows D_j y, with compliances c_j.
 
-    With z_j = D_j y - e_j, limit j is the bound z_j <= 0 if c_j = 0, and adds the energy (z_j)_+^2 / (2 c_j) if
-    c_j > 0. The multiplier p_j >= 0 is the force of the limit: z_j <= c_j p_j, with equality where p_j > 0.
+    Let z_j = D_j y - e_j. If c_j = 0, limit j is the bound z_j <= 0; otherwise it adds the energy (z_j)_+^2 / (2 c_j).
+    The multiplier p_j >= 0 is the force of the limit: z_j <= c_j p_j, with equality where p_j > 0.
 
     Parameters
     ----------
@@ -182,7 +184,7 @@ class Limits(Rows):
     places : callable j -> str, optional
         The place of limit j in words, for messages.
     rates : (r,) array of bool, optional
-        True for limits on velocities: z_j is the change of D_j y - e_j in the step, divided by the length of the step.
+        True for limits on velocities. Then z_j is the change of D_j y - e_j in a step, divided by its duration.
 
     Examples
     --------
@@ -225,7 +227,7 @@ class Limits(Rows):
 
 @dataclass(frozen=True)
 class DraggedTerms:
-    """Norm terms without unknowns, w_i |c_i(t_n) - c_i(t_{n-1})|: they dissipate, but do not change the state."""
+    """Terms w_i |c_i(t_n) - c_i(t_{n-1})| of given positions c_i: they dissipate, but do not change the state."""
 
     position: Callable[[float], Floats]  # t -> (q * block,) positions c of supports, minus the motion of the ground
     weights: Callable[[float, Floats, Floats, Floats], Floats]  # (t, p, past, slip) -> (q,), as in a Law
@@ -236,10 +238,10 @@ class DraggedTerms:
 
 @dataclass(frozen=True)
 class Motion:
-    """The contributions of moving supports, which prescribe u_D(t): nodal displacements are u = P y + u_D(t).
+    """The contributions of moving supports: the displacements of nodes are u = P y + u_D(t) with a given u_D.
 
-    With the matrix A of the form a(., .), a(u, u) = y'Ky + 2 y'dirichlet_force + stored. If supports move a body far
-    and strain it little, these terms cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    Let a(u, v) = u'A v. Then a(u, u) = y'Ky + 2 y'dirichlet_force + stored. If supports move a body far and strain it
+    little, these terms cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D
@@ -252,14 +254,14 @@ class Motion:
 
 @dataclass(frozen=True, repr=False)
 class Damping(ArrayRecord):
-    """The damping form b(u', v), in addition to a(u, v).
+    """The damping form b(du/dt, v), which is added to a(u, v).
 
     Parameters
     ----------
     C : (n, n) array or sparse matrix
         The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        The contributions of moving supports, with the form b in place of a(., .); slips and gaps are not used.
+        The contributions of moving supports to b, in place of a; their slips and gaps are ignored.
 
     Examples
     --------
@@ -299,19 +301,18 @@ class System(ArrayRecord):
     motion : Motion, optional
         Energy, slip and gaps of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
-        An order of elimination with little fill, for linear solvers that compute no order; by default it is computed
-        from K.
+        An order of elimination with little fill, for linear solvers that compute none. By default K determines it.
     near_kernel : (n, k) array, optional
         Motions of little energy, such as rigid motions, for iterative linear solvers.
     kernel : Kernel, optional
-        The motions without energy; norm terms or limits must resist each of them. Answers are then unique, and
-        certified, in the seminorm of K only.
+        The motions without energy. Norm terms or limits must resist each motion. Certificates then bound errors in
+        the seminorm of K only.
     limits : Limits, optional
         Bounds on y, hard or soft: contact.
     damping : Damping, optional
         A force C y' that depends on the rate.
     dragged : DraggedTerms, optional
-        Norm terms whose slip is given by the supports: they only add to the dissipated energy.
+        Norm terms with slips that supports prescribe; they add to the dissipated energy only.
 
     Examples
     --------
@@ -429,14 +430,14 @@ class System(ArrayRecord):
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def remaining_gap(self, t: float) -> Floats:
-        """Return the gaps e (r,) of the limits at the instant `t`, minus the part used up by moving supports."""
+        """Return the gaps (r,) at the instant `t` that moving supports leave to y."""
         if self.limits is None:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
     def slip_of_supports(self, t: float) -> Floats:
-        """Return the slip (m * block,) of moving supports up to the instant `t`, minus the motion of the ground."""
+        """Return the slip (m * block,) of moving supports at the instant `t`, relative to the ground."""
         given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
         return given if (ground := self.ground(t)) is None else given - ground
 
@@ -449,7 +450,7 @@ class System(ArrayRecord):
         return finite(as_shaped_array(raw, subject, f"({rows},) displacements, one per row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """Return the given linear solver, or one chosen by size; raise SceneError if it has no fitting `factorise`."""
+        """Return the given linear solver, or choose one; raise SceneError if `factorise` takes other arguments."""
         if asked is not None:
             try:
                 signature(asked.factorise).bind(self.K, None)

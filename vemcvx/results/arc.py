@@ -1,8 +1,8 @@
 """The arc length s along contact in the plane.
 
-The path runs along the sides of the body of `Contact.nodes`, with this body on its left: counter-clockwise round outer
-boundaries, clockwise round holes. On each piece of contact, s starts from 0 at the first node of the path. On a closed
-curve, this is the contact node with the lowest number. A single node is a piece of zero length.
+The path follows the boundary of the body that has the nodes `Contact.nodes`: counter-clockwise round outer boundaries,
+clockwise round holes. On each piece of contact, s is 0 at the first node; a closed curve begins at the contact node
+with the lowest number. A single node is a piece of zero length.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Least cosine between the normal of a contact node and the normal of an edge or face that belongs to contact."""
+"""A side belongs to contact if the cosine between its normal and the normal at a contact node exceeds this."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class ContactPath:
 
 
 def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
-    """Return the path along contact, without nodes if there is no contact."""
+    """Return the path along contact, which is empty if there is no contact."""
     points, normal = mesh.points, np.zeros_like(mesh.points)
     normal[contact.nodes] = contact.normals
     sides = mesh.boundaries["boundary"]
     chord = points[sides[:, 1]] - points[sides[:, 0]]
     outward = right_of(chord) / np.linalg.norm(chord, axis=1)[:, None]
-    # Nodes without contact have the normal 0, and so the cosine 0.
+    # At nodes without contact, the normal and the cosine are 0.
     sides = sides[np.einsum("end,ed->en", normal[sides], outward).max(axis=1) > ALONG]
     row = {node: i for i, node in enumerate(contact.nodes.tolist())}
     following = {a: b for a, b in sides.tolist() if a in row and b in row}

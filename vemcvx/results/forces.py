@@ -1,17 +1,17 @@
 """The forces on the boundary, by the effect that causes them.
 
-Let u be the displacements of all nodes, A the stiffness, and f the loads. Let B^ be the rows of friction with the
-multipliers lam, and D^ the rows of obstacles with the forces p. The forces on the nodes are
+Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix (or zero), and f the loads. Of
+the rows on u, friction has B^ with the multipliers lam, obstacles have D^ with the forces p, and supports and bilateral
+contact have A_s with the forces mu. The forces on the nodes are
 
-    R = A u - f  (with a viscosity matrix A_1, A u + A_1 du/dt - f)  =  A_s' mu - B^' lam - D^' p,
+    R = A u + A_1 du/dt - f = A_s' mu - B^' lam - D^' p.
 
-where A_s are the rows of supports and bilateral contact, and mu their forces. With the matrix H of
-:mod:`vemcvx.scene.supports`, A_s H = I, we have mu = H'(R + B^' lam + D^' p). A includes the stiffness K_s of springs
-to the ground; their forces are -K_s u.
+The matrix H of :mod:`vemcvx.scene.supports` has A_s H = I, so mu = H'(R + B^' lam + D^' p). Springs to the ground have
+a stiffness K_s, which is a part of A, and the forces -K_s u.
 
-The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to their
-lengths. The force of a support is divided, in proportion to integrals of hat functions, among the sides that are normal
-to the direction of the support, or else among all sides. So each effect has a force on each boundary, and all add up.
+The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to the lengths
+of the ends. The force of a support is divided among the sides that are normal to its direction or, if there are none,
+among all sides, in proportion to integrals of hat functions.
 """
 
 from __future__ import annotations
@@ -41,26 +41,22 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Numbers in place of a side. NOWHERE: no side of the effect has the node. ACROSS: the node is on the other body."""
+"""Numbers in place of a side: NOWHERE if no side of the effect has the node, ACROSS for nodes of the other body."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class BoundaryForces(ArrayRecord):
-    """The forces of effects on nodes, through the sides that meet there: q rows, S stored instants.
+    """The forces of effects on nodes at S stored instants. Each of q rows has a node and one side at the node."""
 
-    `causes` are numbers of effects in `History.effects`; the second is -1, unless two effects act on the same side.
-    `ends` are the node, and the other node of the side, or in space the number of the face, or NOWHERE or ACROSS.
-    """
-
-    causes: Annotated[Ints, "acting 2", ""]
-    ends: Annotated[Ints, "acting 2", ""]
+    causes: Annotated[Ints, "acting 2", ""]  # numbers in `History.effects`; a second effect on the same side, or -1
+    ends: Annotated[Ints, "acting 2", ""]  # the node, and the side: in the plane its other node, in space its face
     held: Annotated[Bools, "acting", ""]  # True for forces of supports, False for contact, friction and springs
     force: Annotated[Floats, "S acting dim", "force"]
     loads: Annotated[Floats, "S loads dim", "force"]  # the total force of each of the L loads
     load_causes: Annotated[Ints, "loads", ""]  # the number in `History.effects` of each load
 
     def through(self, names: Ints) -> Bools:
-        """Return True (q,) for the rows of `ends` that are among the `names` (e, 2)."""
+        """Return a mask (q,): which `ends` are among the given ones (e, 2)."""
         return are_among(self.ends, names)
 
 
@@ -72,7 +68,7 @@ class _Rows(NamedTuple):
 
 
 def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
-    """Return the forces by their causes, from nodal displacements and forces R (S, n_nodes, dim)."""
+    """Return the forces by effect; `u` and `forces` are u and R of the nodes, (S, n_nodes, dim)."""
     S, dim = len(u), u.shape[2]
     instants: list[float] = trajectory.times[trajectory.stored].tolist()
     rubbing = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
@@ -104,7 +100,7 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _list_contact(
     posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
 ) -> Iterator[_Rows]:
-    """Yield the forces of contact rows on nodes, then the opposite forces on partners; the rows come from `parts`."""
+    """Yield the forces of contact rows on nodes, then the opposite forces on partners."""
     each = rows.ends.tocoo()
     share = each.data / rows.lengths[each.row]
     causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
@@ -117,7 +113,7 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the first two effects (k, 2) that act at each end (node and side) of contact rows; -1 for no effect."""
+    """Return the numbers (k, 2) of the first two effects at each end of contact rows; -1 for no effect."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -140,7 +136,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # Left out: pins, which bear no force, and the axis of a body of revolution, whose force tends to zero with h.
+        # Pins bear no force. At the axis of a body of revolution, the force tends to zero with h.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
@@ -160,7 +156,6 @@ def _list_springs(posed: PosedScene, u: Floats) -> Iterator[_Rows]:
 
 
 def _list_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows]:
-    """Yield the loads that two bodies exert on each other."""
     for cause, load in ((cause, load) for cause, load in posed.caused_loads if load.between):
         force = np.stack([load.vector(t) for t in instants]).reshape(len(instants), -1, posed.space.dim)
         nodes: Ints = np.unique(load.matrix.nonzero()[0] // posed.space.dim).astype(np.int64)
@@ -174,13 +169,12 @@ def _list_joints(posed: PosedScene, instants: Sequence[float]) -> Iterator[_Rows
 def _distribute(
     posed: PosedScene, cause: int, nodes: Ints, force: Floats, held: bool = False, directions: Floats | None = None
 ) -> _Rows:
-    """Divide forces (S, k, dim) of an effect on nodes among the sides of the effect, as `_shares` does."""
     row, names, share = _shares(posed, cause, nodes, directions)
     return _Rows(np.tile([cause, -1], (len(names), 1)), names, held, force[:, row] * share[:, None])
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Divide an effect's forces on `nodes` (k,); return each part's position in `nodes`, ends and fraction."""
+    """Divide nodal forces among sides; return each part's position in `nodes`, its node and side, and its fraction."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -199,7 +193,7 @@ def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | Non
 
 
 def support_shares(posed: PosedScene, name: str, axis: Floats) -> Floats:
-    """Return d (s,): the reaction of a boundary along an axis is d . mu, with the forces mu of the rows of supports."""
+    """Return the vector d such that d . mu is the reaction of a boundary along an axis."""
     ends, found = posed.space.part(name, "reaction", contact=True).names, [np.zeros(0)]
     for support, cause in zip(posed.supports.given, posed.causes["supports"].tolist(), strict=True):
         own = np.zeros(len(support.nodes))
@@ -238,8 +232,7 @@ class ActingForces:
     def reaction(self, name: str) -> Floats:
         """Return the total force (S, dim) that supports of a boundary exert on the body.
 
-        Forces belong to the effect that causes them. If one support holds a node on two boundaries, each boundary has a
-        part of the force: see :mod:`vemcvx.results.forces`.
+        If one support holds a node on two boundaries, its force is divided (:mod:`vemcvx.results.forces`).
 
         Raises
         ------
@@ -254,14 +247,14 @@ class ActingForces:
         return _total(self.acting.force[:, held])
 
     def force(self, of: Cause) -> Floats:
-        """Return the total force (S, dim) on the body: of an effect, or of contact, friction and springs on a boundary.
+        """Return the total force (S, dim) that effects exert on the body.
 
         Parameters
         ----------
         of : str, effect or class of effects
-            The name of a boundary, for the force of contact, friction and springs there; an effect of the scene, also
-            a load; or a class such as ``vx.TrescaFriction``, for all effects of this class. At an interface, the result
-            is the force on the body named first.
+            An effect of the scene, also a load; a class such as ``vx.TrescaFriction``, for all effects of this class;
+            or the name of a boundary, for contact, friction and springs there. At an interface, the result is the force
+            on the body named first.
 
         Raises
         ------
@@ -276,19 +269,19 @@ class ActingForces:
         return _total(self.acting.force[:, rows]) + _total(self.acting.loads[:, loads])
 
     def moment(self, of: Cause, about: ArrayLike | None = None) -> Floats:
-        """Return the moment (S,), in space (S, 3), of an effect; or, on a boundary, of all effects except loads.
+        """Return the total moment of effects, except loads: (S,) in the plane, (S, 3) in space.
 
         Parameters
         ----------
         of : str, effect or class of effects
-            As for `force`; on a boundary the moment of supports is included.
+            As for `force`; on a boundary, supports are included.
         about : (dim,) point, optional
             By default the origin. Moments are positive counter-clockwise.
 
         Raises
         ------
         SceneError
-            As for `force`, the effect is a load, or the body is a body of revolution.
+            As in `force`; also if the effect is a load, or for bodies of revolution.
         """
         self._space.refuse_revolution("moment")
         points = self.mesh.points
@@ -306,7 +299,7 @@ class ActingForces:
 
     @cached_property
     def resultants(self) -> dict[str, Floats]:
-        """The forces (S, dim) on every named boundary with a force, under names such as "reaction of right"."""
+        """The nonzero forces (S, dim) on named boundaries, by words such as "reaction of right"."""
         acting, found = self.acting, {}
         for name, sides in self.mesh.boundaries.items():
             if name == "boundary" or not len(sides):
@@ -321,7 +314,7 @@ class ActingForces:
         return self.acting.through(self._space.part(name, subject, contact=True).names)
 
     def _rows_of_effects(self, causes: Ints, subject: str) -> Bools:
-        """Return True (q,) for rows of these effects; at interfaces, only for forces on the body named first."""
+        """Return a mask (q,) of the rows of effects, without the second body of an interface."""
         acting = self.acting
         mine = np.isin(acting.causes, causes)
         apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)

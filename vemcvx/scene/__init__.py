@@ -1,4 +1,4 @@
-"""Scenes: sets of effects, independent of any mesh, and how they are posed on a mesh."""
+"""Scenes, which are sets of effects without a mesh, and posed scenes, which have a mesh."""
 
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, jump_rows

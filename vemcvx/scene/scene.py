@@ -21,7 +21,7 @@ from vemcvx.vem.tensors import upper_triangle
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body; raise SceneError if a cell has none or several, or if `plane` differs."""
+    """Return one material for the whole body; raise SceneError unless each cell has one, and `plane` is the same."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -35,7 +35,7 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
     isotropic, dim = all(len(m.moduli) == 2 for m in materials), mesh.points.shape[1]
     moduli = [m.moduli if isotropic else upper_triangle(m.elastic(dim)) for m in materials]
     across = [m.out_of_plane for m in materials if m.out_of_plane is not None]
-    # Each material and its stabilisation vanish in the cells of other materials.
+    # The moduli and weights of a material are zero in the cells of other materials.
     own = [m.choose_stabilisation(dim) for m in materials]
     weights = [one.tau for one in own if isinstance(one, VertexWeights)]
     if len(weights) < len(own):
@@ -70,12 +70,12 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """Stresses sigma_0 of the unstrained body: sigma = C eps(u) + sigma_0, with load -sum_K |K| sigma_0 : eps(Pi v)."""
+    """The stresses sigma_0 in sigma = C eps(u) + sigma_0, and the load -sum_K |K| sigma_0 : eps(Pi v)."""
 
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix  # (n_u, components n_cells) virtual work of stresses constant on cells
+    matrix: sp.csr_matrix  # (n_u, components n_cells): stresses of all cells -> minus the load
 
     def stress(self, t: float) -> Floats:
         """Return sigma_0 (n_cells, components) at the instant `t`."""
@@ -88,7 +88,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """Return the stress zz (n_cells,) of eigenstrains in plane strain; None if the material gives no zz."""
+        """Return the stress zz (n_cells,) that eigenstrains cause in a plane body; None for other bodies."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
@@ -97,10 +97,10 @@ class InitialStresses:
         return total
 
     def vector(self, t: float) -> Floats:
-        """Return the nodal force (n_u,) at the instant `t`; zero at nodes where stresses balance up to rounding."""
+        """Return the nodal forces (n_u,) at the instant `t`."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # Rounding of a uniform stress would leave small forces that violate the condition on initial states.
+        # Where stresses balance, forces are zero: rounding errors would violate condition (2.1) on initial states.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -114,10 +114,7 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 
 
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
-    """Return each effect with its contribution.
-
-    Effects of contact are evaluated again with the planes of symmetry: there nodes get the normals of the whole body.
-    """
+    """Return each effect with its contribution; in planes of symmetry, contact has the normals of the whole body."""
     parts = [(effect, effect.contribute(space)) for effect in effects]
     planes = [
         support
@@ -138,11 +135,11 @@ def _acts_in_contact(part: Contribution) -> bool:
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
-    """Return the orthogonal projection onto the span of the directions of each node."""
+    """Return for each node the orthogonal projection onto the span of its directions."""
     each, place = np.unique(nodes, return_inverse=True)
     squares = np.zeros((len(each), directions.shape[1], directions.shape[1]))
     np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
-    # Two directions at an angle a give the eigenvalues 1 -+ cos a; the smaller one is about a^2 / 2.
+    # Two directions at an angle phi give the eigenvalues 1 - cos(phi), which is about phi^2 / 2, and 1 + cos(phi).
     sizes, axes = np.linalg.eigh(squares)
     axes = axes * (sizes > 0.5 * DIRECTION_TOLERANCE**2)[:, None, :]
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
@@ -154,7 +151,7 @@ Datum = Callable[[float], Floats]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Drop frictions whose bounds are zero at all of `times`; return the contributions, and a sentence per friction."""
+    """Return the contributions without frictions that are zero at `times`, and a sentence for each omitted friction."""
     found, notes = list[Contribution](), list[str]()
 
     def shorten(datum: Any) -> Any:
@@ -176,7 +173,7 @@ def active_parts(
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time whose values, one per row, are zero if the row has no friction at any pressure."""
+    """Return a function of time that is zero in rows without friction, whatever the pressure."""
     law, m = friction.law, len(friction.nodes)
     if law is None:
         return friction.weights
@@ -194,7 +191,7 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects, for every mesh that has the named boundaries; the order of effects changes nothing.
+    """A set of effects in any order, for every mesh that has the named boundaries.
 
     Parameters
     ----------
@@ -266,7 +263,7 @@ def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
     settings = list(vars(effect).values())
-    # Functions are ordered by their place in the source; addresses break ties only.
+    # Functions are ordered by their place in the source, and at the same place by their address in memory.
     return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
 
 

@@ -18,16 +18,16 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of the requested accuracy or gap that one of several errors may take."""
+"""Fraction of the requested accuracy or gap that one error may take if several errors add up."""
 TARGET_FRACTION = 0.01
-"""Negligible fraction of the requested gap."""
+"""Fraction of the requested gap that is negligible."""
 
 
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step; if the target cannot be reached, return the best answer, and explain in `status` why.
+        """Solve one scaled step; if the target cannot be reached, give the reason in the `status` of the best answer.
 
         Parameters
         ----------
@@ -36,7 +36,7 @@ class Prepared(Protocol):
         target : float
             Requested duality gap, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess of the multipliers, predicted from earlier steps; p is zero by default.
+            The multipliers that earlier steps predict; p is zero by default.
         """
 
 
@@ -48,10 +48,10 @@ class Solver(ABC):
     Attributes
     ----------
     accuracy : float
-        Requested relative energy error of a step, in (0, 1): |d - d*|_K <= accuracy times the largest energy norm of
-        the states so far. The target of a step's duality gap is half the square of this bound.
+        Requested relative energy error of a step, in (0, 1). With the exact answer d* and the largest energy norm E of
+        states so far, |d - d*|_K <= accuracy E. The target of a step's duality gap is (accuracy E)^2 / 2.
     semidefinite : bool
-        True if the solver accepts a K with a kernel, `operators.kernel`: only friction and contact then hold a body.
+        True if the solver accepts matrices K with a kernel, for bodies that only friction and contact hold.
     any_units : bool
         True if the solver works in any units; other solvers receive scaled programs.
 
@@ -72,11 +72,9 @@ class Solver(ABC):
     any_units: bool = False
 
     def __post_init__(self) -> None:
-        """Check the settings."""
         self.check_accuracy()
 
     def __repr__(self) -> str:
-        """Return the name and the settings, which are the public attributes."""
         settings = ", ".join(f"{name}={value!r}" for name, value in sorted(vars(self).items()) if name[0] != "_")
         return f"{type(self).__name__}({settings})"
 
@@ -97,8 +95,8 @@ class Solver(ABC):
         Parameters
         ----------
         operators : Operators
-            The matrices K, B, D and the compliances, scaled; they are the same in every step. If K is dense,
-            the programs are condensed: norm terms or limits act on every unknown. `operators.factor` solves with K.
+            The scaled matrices K, B, D and compliances of all steps; `operators.factor` solves with K. A dense K is
+            condensed to the unknowns on which norm terms or limits act.
 
         Returns
         -------
@@ -118,7 +116,6 @@ class Solver(ABC):
         return other
 
     def check_accuracy(self) -> None:
-        """Raise SceneError if the accuracy is not a number in (0, 1)."""
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
@@ -129,19 +126,18 @@ class ScaledFactor(Factor):
         self._factor, self._kappa, self.exact = factor, kappa, factor.exact
 
     def solve(self, b: Floats) -> Floats:
-        """Return x with K x = kappa b."""
         return self._kappa * self._factor.solve(b)
 
 
 class ScaledSolver:
-    """A wrapper that scales programs for a prepared solver, because the tolerances of solvers have no units.
+    """A wrapper that scales programs for a prepared solver, so that tolerances of the solver do not depend on units.
 
-    The stiffness `kappa` of a run is the size of diag(K). The length alpha of a step is the size of its data in the
-    energy norm, divided by the root of kappa. With d = alpha d^, where ^ marks scaled data, the program is
+    Let the stiffness kappa be the largest entry of diag(K), and the length alpha the energy norm of the data of a step,
+    divided by sqrt(kappa). Both are rounded up to powers of two, so that scaling does not round. The scaled data
 
-        K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha,
+        K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha
 
-    and (lam, p) = kappa alpha (lam^, p^). kappa and alpha are powers of two, so that scaling does not round.
+    have the answer d^ = d / alpha, (lam^, p^) = (lam, p) / (kappa alpha).
     """
 
     def __init__(self, solver: Solver, operators: Operators):
@@ -156,29 +152,26 @@ class ScaledSolver:
 
     def length(self, program: StepProgram) -> float:
         """Return the length alpha of a step; 1.0 if its data vanish."""
-        # However far supports or ground move at a term, friction loads the body there by at most the weight.
+        # Far motions of supports or ground load the body, at each norm term, by at most the weight.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(
             np.where(flexible > 0, flexible, np.inf)
         )
         size = max(program.size, float(drawn.max(initial=0.0))) / np.sqrt(self.kappa)
-        if operators.kernel is not None:  # A floating body moves as far as the ground that carries it.
+        if operators.kernel is not None:  # A floating body may follow the ground.
             size = max(size, np.abs(program.b).max(initial=0.0))
         return float(power_of_two(size)) if size > 0 else 1.0
 
     def scale(self, program: StepProgram, alpha: float) -> StepProgram:
-        """Return the scaled program of a step."""
         force = self.kappa * alpha
         return StepProgram(self.operators, program.g / force, program.w / force, program.b / alpha, program.e / alpha)
 
     def restore(self, answer: Answer, alpha: float) -> Answer:
-        """Return an answer to a scaled program in the units of the original program."""
         force = self.kappa * alpha
         return replace(answer, d=alpha * answer.d, lam=force * answer.lam, p=force * answer.p)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve the scaled program of a step, and return the answer in the step's units."""
         alpha = self.length(program)
         force, scaled = self.kappa * alpha, self.scale(program, alpha)
         pressed = np.zeros_like(program.e) if p is None else p

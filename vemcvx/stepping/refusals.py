@@ -18,15 +18,15 @@ from vemcvx.program.system import Norms, System
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
-"""Ratio of softening to stiffness at which a warning is issued: steps then amplify rounding a thousandfold."""
+"""Ratio of softening to stiffness from which on steps amplify rounding a thousandfold, and a warning is issued."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
-    """Raise NotCertified if the state after step `n` misses the accuracy; name limits that contradict each other."""
+    """Raise NotCertified if the state after step `n` misses the accuracy, or SceneError if limits contradict."""
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # If the user gave no solver, an error at the rounding floor is accepted. A floor above .1 voids the certificate.
+    # `error_floor` estimates rounding errors. The default solver may stop there; above .1, certificates are void.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
@@ -65,7 +65,7 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
-    """Raise SceneError if no displacement obeys all rigid limits: D'p = 0 and p . e < 0 for some p >= 0 (Farkas)."""
+    """Raise SceneError if no displacement obeys all bounds, that is, D'p = 0 and p'e < 0 for some p >= 0 (Farkas)."""
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
@@ -86,16 +86,16 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
-    """Raise SceneError if no forces of friction and limits balance the load of a step on K's kernel."""
+    """Raise SceneError if friction and limits cannot hold a body that nothing else holds."""
     kernel, norms, field = condensation.system.kernel, condensation.system.norms, program.find_unbalanced_motion()
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
-    # Normalise by displacements of nodes. At a joint, unknowns are jumps, which are smaller than displacements.
+    # Scale the motion by displacements of nodes: at a joint, unknowns are jumps.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))
-    holds = holds if holds > 1e-12 * push else 0.0  # Smaller values are rounding of zero slips.
+    holds = holds if holds > 1e-12 * push else 0.0  # otherwise rounding errors of zero slips
     by = "" if norms is None or norms.law is None else ", by the pressures and slips before the step,"
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. The load pushes it "
@@ -106,7 +106,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
 
 
 def refuse_floating_rates(system: System) -> None:
-    """Raise SceneError if only friction that depends on slip rates holds a body: errors of forces would alter slips."""
+    """Raise SceneError if only friction that depends on slip rates holds a body."""
     if system.kernel is not None and system.norms is not None and system.norms.rule.rates:
         raise SceneError(
             "friction: found a law of slip rates, but nothing except friction and contact holds the body against "
@@ -115,7 +115,7 @@ def refuse_floating_rates(system: System) -> None:
 
 
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
-    """Raise SceneError because a step at the initial instant moves the given state by the relative norm `jump`."""
+    """Raise SceneError: a step at the initial instant moved the state to `settled`, by `jump` of the energy norm."""
     operators, norms, where = run.operators, run.system.norms, ""
     if norms is not None:
         way = lengths(operators.blocks(operators.B @ (settled.y - state.y)))
@@ -132,7 +132,7 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
 
 
 def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> None:
-    """Warn if a step may have several solutions (theorem: docs/theory/coulomb.md); not if solves are inexact."""
+    """Warn if softening may give a step several solutions (docs/theory/coulomb.md)."""
     softening, block = norms.softening, operators.block
     if softening is None or not softening.any() or not operators.factor.exact:
         return

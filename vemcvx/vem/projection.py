@@ -1,4 +1,4 @@
-"""The projection Pi of functions with given vertex values, on polygons, plane faces and polyhedra."""
+"""The projection Pi from vertex values to linear functions, on polygons, plane faces and polyhedra."""
 
 from __future__ import annotations
 
@@ -23,23 +23,20 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# The projection Pi of the paper named in `vemcvx`, Section 3, in vertex values (docs/theory/virtual_elements.md):
+# The projection Pi (Section 3 of the paper; docs/theory/virtual_elements.md) on a polygon K with the perimeter |dK|,
+# the vertices (x_i, y_i), short x_i, the vertex values v_i, and the edges e_i from vertex i to vertex i + 1:
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i,
-#     grad Pi v = sum_i v_i (x) G_i,   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
-#
-# with the edges e_i = [x_i, x_{i+1}] and the perimeter |dK|. Edges may be as short as rounding allows.
+#     grad Pi v = sum_i v_i (x) G_i,   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|).
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin.
-
-    The area is computed as |K| = sum_i x_i |K| (G_i)_x: then the computed gradient of the function x is exactly one.
-    """
+    """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin."""
     gradients = 0.5 * right_of(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1))
+    # With this formula for the area, the computed gradient of the function x is exactly one.
     return np.einsum("ci,ci->c", corners[:, :, 0], gradients[:, :, 0]), gradients
 
 
 def boundary_weights(corners: Floats) -> Floats:
-    """Return the weights w_i (c, n) in the boundary mean of a function that is linear on edges."""
+    """Return the weights w_i (c, n) of cells or faces (c, n, dim)."""
     edge = np.roll(corners, -1, axis=1) - corners
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
@@ -47,10 +44,10 @@ def boundary_weights(corners: Floats) -> Floats:
 
 
 def tangents_of(normals: Floats) -> Floats:
-    """Return orthonormal tangents (k, dim - 1, dim) of unit normals (k, dim), exact for normals along an axis.
+    """Return orthonormal tangents (k, dim - 1, dim) at unit normals n (k, dim).
 
-    The tangent in the plane is the normal rotated by +90 degrees: the body is on its left. In space, the first tangent
-    is the projection of the axis farthest from the normal, and (t1, t2, n) is right-handed.
+    In the plane, the tangent is the normal rotated by +90 degrees. In space, the first tangent t1 is the projection of
+    the axis farthest from the normal, and (t1, t2, n) is right-handed.
     """
     if normals.shape[1] == 2:
         return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]
@@ -60,11 +57,9 @@ def tangents_of(normals: Floats) -> Floats:
     return np.stack([first, np.cross(normals, first)], axis=1) + 0.0
 
 
-# Functions on plane faces of polyhedra with given vertex values: their integrals are exact for linear functions.
-#
-# A face f is split into triangles (c, x_i, x_{i+1}) around c = sum_i w_i x_i, with the weights w_i of its outline. A
-# function v is sum_i w_i v_i at c, and linear on each triangle. With the area vectors N_i of the triangles, their sum
-# N, the unit normal nu, and the basis function phi_i of vertex i,
+# On a plane face f of a polyhedron, a function v has the value sum_i w_i v_i at the point c = sum_i w_i x_i, and is
+# linear on each triangle (c, x_i, x_{i+1}). Let N_i be the area vectors of these triangles, N their sum, nu the unit
+# normal of the face, and phi_i the basis function of vertex i. Then
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|.
 #
@@ -112,7 +107,7 @@ class FaceGroup:
         return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
 
     def _at_triangles(self, values: Floats) -> Floats:
-        """Return values (f, T, 3, ...) at corners of triangles, given values (f, n + 1, ...) at vertices and at c."""
+        """Return the values (f, T, 3, ...) at corners of triangles."""
         return values[np.arange(len(values))[:, None, None], self.triangles]
 
 
@@ -138,33 +133,33 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 
 def _fan(n: int) -> Ints:
-    """Return the triangles (n, 3) of a fan around point n; if n = 3, return the triangle itself, (1, 3)."""
+    """Return the triangles (n, 3) around c, the last of n + 1 points; if n = 3, return the face itself, (1, 3)."""
     if n == 3:
         return np.arange(3)[None]
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
 
 
 def _split_along_diagonals(corners: Floats) -> Ints:
-    """Return the triangles (f, n - 2, 3) of faces (f, n, 3)."""
+    """Cut faces (f, n, 3) along diagonals into triangles (f, n - 2, 3)."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
     return split_at_vertices(np.einsum("fbi,fni->fnb", plane, corners))
 
 
 CACHED_NUMBERS = 2**16
-"""Size of an array of eight-byte numbers that fits into the second-level cache with a few temporaries."""
+"""Number of eight-byte numbers in an array; a few such arrays fit into the second-level cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:
-    """A group of cells with equally many vertices: polygons; for polyhedra see `PolyhedronGroup`.
+    """A group of polygons with equally many vertices, and the base class of other groups of cells.
 
     Attributes
     ----------
     cells : (c,) array of int
         Cell numbers.
     nodes : (c, n) array of int
-        The vertices of the cells, counter-clockwise if these are polygons.
+        The vertices of the cells; polygons are counter-clockwise.
     points : (n_nodes, dim) array
         The points of the whole mesh.
 
@@ -180,11 +175,11 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """For each component, 1 if a translation causes no strain; 0 for the radial component of a body of revolution."""
+    """For each component, 1 if its translations cause no strain, 0 if they do (radially in a body of revolution)."""
 
     @cached_property
     def corners(self) -> Floats:
-        """The vertex coordinates (c, n, dim) relative to the first vertex: exact, also far from the origin."""
+        """The coordinates (c, n, dim) of vertices relative to the first vertex of each cell."""
         corners = self.points.take(self.nodes, axis=0)  # twice as fast as indexing
         return read_only(corners - corners[:, :1])
 
@@ -199,11 +194,11 @@ class CellGroup:
         return np.ones(len(self.cells))
 
     def gradients(self) -> tuple[Floats, Floats]:
-        """Return |K| (c,), and |K| G_i (c, n, dim): grad Pi v = sum_i v_i (x) G_i."""
+        """Return |K| (c,), and |K| G_i (c, n, dim)."""
         return area_gradients(self.corners)
 
     def strain_rows(self) -> tuple[Floats, Floats]:
-        """Return |K| (c,), and |K| eps(Pi u) (c, components, n, dim) for a unit displacement of each vertex."""
+        """Return |K| (c,), and |K| times the strains (c, components, n, dim) of unit displacements of vertices."""
         measures, g = self.gradients()
         count, n, dim = g.shape
         B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
@@ -212,17 +207,17 @@ class CellGroup:
         return measures, B
 
     def strains(self, v: Floats) -> Floats:
-        """Return the mean strains eps(Pi v), (c, components), for the vertex values v (c, n, dim)."""
+        """Return the strains eps(Pi v) (c, components) of vertex values v (c, n, dim)."""
         measures, B = self.strain_rows()
         v = v - v[:, :1] * self.FREE  # a large rigid translation costs no digits
         return np.asarray(np.einsum("ckia,cia->ck", B, v) / measures[:, None])
 
     def depth(self, x: Floats) -> Floats:
-        """Return the thickness (k,) of the body at points x (k, dim) in the cells: one, also in space."""
+        """Return the thickness (k,) of the body at points x (k, dim): one, except in bodies of revolution."""
         return np.ones(len(x))
 
     def load_shares(self) -> Floats:
-        """Return the fraction (c, n) of the force on a cell that each vertex carries: 1 / n."""
+        """Return the fractions (c, n) of the force on a cell that its vertices carry."""
         return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
 
     def boundary_means(self) -> Floats:
@@ -230,17 +225,17 @@ class CellGroup:
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
-        """Return Pi in vertex values, (c, n, n): entry (i, j) is the value of Pi phi_j at vertex i."""
+        """Return the matrices (c, n, n) whose entry (i, j) is the value of Pi phi_j at vertex i."""
         return self.values_at(self.corners)
 
     def values_at(self, x: Floats) -> Floats:
-        """Return Pi of the n basis functions, (c, q, n), at points x (c, q, dim) relative to the first vertices."""
+        """Return the values (c, q, n) of Pi phi_j at points x (c, q, dim) relative to the first vertex of the cell."""
         (measures, gradients), w = self.gradients(), self.boundary_means()
         arms = (x - np.einsum("ci,cia->ca", w, self.corners)[:, None]) / measures[:, None, None]
         return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])
 
     def chunks(self) -> Iterator[CellGroup]:
-        """Yield pieces of the group; all n x n matrices of a piece together have about `CACHED_NUMBERS` entries."""
+        """Yield pieces of the group, in which one n x n matrix per cell makes about `CACHED_NUMBERS` entries."""
         size = max(1, CACHED_NUMBERS // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
@@ -251,7 +246,7 @@ class CellGroup:
         return replace(self, **{name: getattr(self, name)[places] for name in own})
 
 
-# Polyhedral cells: with b_i and a_i of all faces f (b_i outward for the cell), Gauss' theorem gives
+# On polyhedra, Gauss' theorem gives, from the outward vectors b_i and the integrals a_i of each face f,
 #
 #     |K| G_i = sum_f b_{f,i},   |K| = sum_i x_i . |K| G_i / 3,   w_i = sum_f a_{f,i} / |dK|.
 @dataclass(frozen=True, eq=False)
@@ -277,12 +272,12 @@ class PolyhedronGroup(CellGroup):
         return self.diameters
 
     def quadrature(self) -> tuple[Floats, Floats, Ints]:
-        """Return centroids, volumes and positions of the cells: a rule of one point per cell, exact for degree 1."""
+        """Return a rule that is exact for degree 1: the centroid, volume and position in the group of each cell."""
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
 def second_moments(about: Floats) -> Floats:
-    """Return int_K x x' dx, (c, 2, 2), of polygons with the vertices (c, n, 2) about the origin."""
+    """Return the second moments int_K x x' dx, (c, 2, 2), of polygons with the vertices `about` (c, n, 2)."""
     after = np.roll(about, -1, axis=1)
     # The integral over the triangle (0, p, q) is (p x q) / 24 (pp' + qq' + (p + q)(p + q)').
     part = cross(about, after) / 24.0
@@ -290,16 +285,15 @@ def second_moments(about: Floats) -> Floats:
     return np.asarray(sums[0] + sums[1] + sums[2])
 
 
-# Cells of bodies of revolution, in the coordinates (r, z): formulas of docs/theory/virtual_elements.md.
 @dataclass(frozen=True, eq=False)
 class RingGroup(CellGroup):
-    """A group of cells of a body of revolution: all integrals are over the full turn."""
+    """A group of cells of a body of revolution in (r, z), over the full turn (docs/theory/virtual_elements.md)."""
 
     FREE = (0.0, 1.0)
 
     @cached_property
     def centres(self) -> Floats:
-        """The centroids (c, 2), relative to the first vertex of each cell."""
+        """The centroids (c, 2) relative to the first vertex of each cell."""
         return read_only(polygon_centroids(self.corners)[1])
 
     @property
@@ -317,11 +311,11 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * x[:, 0]
 
     def load_shares(self) -> Floats:
-        """Return the means (c, n) of Pi phi_i over each cell: these fractions make loads f / r exact for constant f."""
+        """Return the means (c, n) of Pi phi_i over each cell."""
         return self.values_at(self.centres[:, None])[:, 0]
 
     def strain_rows(self) -> tuple[Floats, Floats]:
-        """Return 2 pi V (c,), and 2 pi V times the mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
+        """Return the volumes (c,), and volumes times mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
         areas, g = self.gradients()
         outward = right_of(np.roll(self.corners, -1, axis=1) - self.corners)
         # With r relative to the centroid, a body far from the axis loses no digits.
@@ -337,7 +331,7 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * areas * self.radii, 2.0 * np.pi * B
 
     def hoop_variation(self) -> Floats:
-        """Return the matrices (c, n, n) of 2 pi g'M g / r_c in the radial displacements of the vertices."""
+        """Return the matrices (c, n, n) of 2 pi g'M g / r_c (theory page) in radial displacements of vertices."""
         areas, g = self.gradients()
         rows = (g / areas[:, None, None]).transpose(0, 2, 1).copy()
         rows[:, 0] -= self.load_shares() / self.radii[:, None]
@@ -347,7 +341,7 @@ class RingGroup(CellGroup):
 
 
 def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]:
-    """Return groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
+    """Return the cells in groups of equally many vertices; cell numbers ascend within a group."""
     offsets, nodes = mesh.cell_nodes
     counts, groups = np.diff(offsets), list[CellGroup]()
     shares = _shares_of_cells(mesh, offsets, nodes) if isinstance(mesh, PolyhedralMesh) else ()
@@ -365,9 +359,9 @@ def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]
 
 
 def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
-    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all pairs of a cell and one of its nodes, in batches."""
+    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all k pairs of a cell and a node of it."""
     b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
-    for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # A face needs a quarter of the memory of a cell.
+    for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # a face takes a quarter of the memory
         some = np.arange(start, min(start + 4 * CHUNK_SIZE, mesh.n_faces))
         for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, some):
             at = mesh.face_offsets[group.faces][:, None] + np.arange(group.nodes.shape[1])

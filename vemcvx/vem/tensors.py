@@ -1,10 +1,12 @@
 """Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
-Components have the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; shear strains are 2 e_xy and so
-on. A body of revolution has rr, zz, rz, and the hoop component as a fourth. Moduli are arrays with one column per cell.
-Two rows are Lame's lam (reduced in plane stress) and mu; more rows are the upper triangle of the elastic matrix C by
-rows: 6 in the plane (xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy), 21 in space, 10 in a body of revolution. The stress zz
-of a plane body is its third principal stress: 0 in plane stress, lam (e_xx + e_yy) plus thermal stress in plane strain.
+The order is xx, yy, xy in the plane, xx, yy, zz, xy, yz, xz in space, and rr, zz, rz, hoop in a body of revolution.
+Shear components of strains are doubled: 2 e_xy. The stress zz of a plane body is 0 in plane stress, and in plane strain
+lam (e_xx + e_yy) plus a thermal stress.
+
+Moduli are arrays with one column per cell. An array of two rows has Lame's constants lam (reduced in plane stress) and
+mu. Other arrays have the upper triangle of the elastic matrix C, row by row: 6 entries in the plane (xx-xx, xx-yy,
+xx-xy, yy-yy, yy-xy, xy-xy), 10 in a body of revolution, 21 in space.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ def component_names(dim: int) -> tuple[str, ...]:
 
 
 def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """Return stresses (k, components) that are equal in all directions, with these values (k,)."""
+    """Return stresses (k, components) that are `value` (k,) in all directions."""
     return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 
@@ -51,7 +53,7 @@ def tractions(sigma: Floats, normals: Floats) -> Floats:
 
 
 def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
-    """Return the elastic matrix of each cell, (n_cells, 3, 3) in the plane; `dim` is used for Lame's constants only."""
+    """Return the elastic matrices (n_cells, 3, 3), in space (n_cells, 6, 6); only Lame's constants need `dim`."""
     if len(moduli) != 2:
         size = isqrt(2 * len(moduli))
         upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
@@ -66,7 +68,7 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
 
 
 AXISYMMETRIC = 10
-"""The number of moduli of a cell in a body of revolution: the upper triangle of a matrix (4, 4)."""
+"""The number of moduli of a body of revolution: entries in the upper triangle of a matrix (4, 4)."""
 
 
 def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
@@ -76,7 +78,7 @@ def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
 
 
 def upper_triangle(C: Floats) -> Floats:
-    """Return the upper triangles of elastic matrices by rows: (6, n_cells), in space (21, n_cells)."""
+    """Return the upper triangles of elastic matrices, row by row: (6, n_cells), in space (21, n_cells)."""
     rows, columns = np.triu_indices(C.shape[1])
     return np.ascontiguousarray(C[:, rows, columns].T)
 

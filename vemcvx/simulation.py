@@ -74,16 +74,16 @@ def simulate(
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs with neither friction nor one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
-        The displacement at times[0]. None is zero; "equilibrium" is the equilibrium a(u_0, .) = l(0) without friction;
-        "settled" is the result of one step from zero; :func:`vemcvx.projected` gives the projection P^h u_0. From a
-        history, the run continues on the same mesh, with the slip, wear, work and dissipation so far.
+        The displacement at times[0]; None: zero; "equilibrium": the equilibrium a(u_0, .) = l(0) without friction;
+        "settled": the result of one step from zero; :func:`vemcvx.projected`: the projection P^h u_0. A history is
+        continued on the same mesh, with the slip, wear, work and dissipation so far.
     store : "all", "last", int n or sequence of int
-        Steps to store, and to certify on all unknowns: all; the last; every n-th and the last; or the given steps and
-        the last. Other steps are certified on the unknowns of contact and friction.
+        The steps to store besides the last: all, none ("last"), every n-th, or the given steps. Stored steps are
+        certified on all unknowns, other steps on the unknowns of contact and friction.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        True: eliminate unknowns with neither friction nor contact, unless Viscosity or a dashpot acts. False: keep all.
+        Eliminate the unknowns without friction and contact; with Viscosity or dashpots, all unknowns are kept.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
     progress : callable (step, steps), or False
@@ -151,7 +151,6 @@ def _prepare_bounds(posed: PosedScene, store: str | int | Sequence[int]) -> Call
 
 
 def _open_storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Memory | Folder]:
-    """Return the storage of a run; a folder opened here is closed at the end of the run."""
     if stream is None:
         if resume:
             raise SceneError("resume: give stream=, the folder of the run to resume.")
@@ -160,7 +159,6 @@ def _open_storage(stream: str | Path | Folder | None, resume: bool) -> AbstractC
 
 
 def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
-    """Pose a scene for a run; log effects that are left out, and warn of interfaces without contact."""
     posed = pose_scene(scene, mesh, times.tolist())
     for effect in scene.canonical:
         if isinstance(effect, Pretension):
@@ -186,7 +184,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     Returns
     -------
     (N + 1,) array
-        Increasing instants. Every jump lies between two instants that are at most a billionth of the run apart.
+        Increasing instants. A jump has an instant before and after it, at most a billionth of the run apart.
 
     Raises
     ------
@@ -279,15 +277,15 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    This is (2.11) and (3.26) of the paper. A step at times[0] from P^h u_0 gives the initial state, which obeys (2.1)
-    on the mesh. A warning is issued if this step is large: then u_0 violates (2.1), or h is too large.
+    P^h is defined in (2.11) and (3.26) of the paper. The initial state obeys (2.1) on the mesh: a step at times[0]
+    leads from P^h u_0 to it. A warning is issued if this step is large: u_0 violates (2.1), or h is too large.
 
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        u_0, a vector for each of the points x (m, dim); t is times[0]. At supports, u_0 must obey their conditions.
+        The vectors u_0 at points x (m, dim), for t = times[0]. At supports, u_0 must obey their conditions.
     settle : bool
-        False: the initial state is P^h u_0 itself, (3.26), which Theorem 3.10 allows. The certificate of this state is
+        False: omit this step, as Theorem 3.10 allows, and begin at P^h u_0. The certificate of the initial state is
         the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
@@ -317,7 +315,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
 
 
 def begins(initial: object) -> str:
-    """Return the attribute `begins` of :class:`vemcvx.History` for an initial state."""
+    """Return the word for an initial state in `vemcvx.History.begins`."""
     if isinstance(initial, Results):
         return "continued"
     word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
@@ -325,7 +323,7 @@ def begins(initial: object) -> str:
 
 
 def free_unknowns(initial: ArrayLike | str | Projected | Results | None, posed: PosedScene, times: Floats) -> Beginning:
-    """Return the initial state of a march at times[0]: free unknowns, or `initial` itself if it is a word."""
+    """Return the argument `initial` of `march`, for an initial state on the nodes of the mesh."""
     if isinstance(initial, Results):
         return _continue(initial, posed, times)
     if isinstance(initial, str):
@@ -374,7 +372,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # The tolerance is relative to the whole run, because the motion of supports at t may be a rounding error.
+    # The tolerance is relative to the largest motion in the run: the motion at t may be zero up to rounding.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]
@@ -386,7 +384,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
 
 
 def _project_start(initial: Projected, posed: PosedScene, times: Floats) -> Balanced:
-    """Return the forces a(u_0, v) over the free unknowns, with the nodal values of u_0."""
+    """Return the forces a(u_0, v) on the free unknowns, and the nodal values of u_0."""
     t, space = float(times[0]), posed.space
     space.refuse_revolution("initial: projected")
 

@@ -1,11 +1,8 @@
-"""The error of time steps: a comparison with the same run in finer steps, with instants where data bend and jump.
+"""The error of time steps, by comparison with the same run in finer steps (docs/theory/error_estimates.md).
 
-The run is repeated on the same mesh, with each step split into FINER steps, more where data vary faster. For the run u
-and the finer run v, |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n), with contact unknowns y of u and z of v, and the
-condensed matrix S (docs/theory/error_estimates.md).
-
-If errors are of first order, |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). Without friction, viscosity and
-VelocityContact, nothing depends on the path, and steps make no error.
+For a run u with contact unknowns y, a finer run v with contact unknowns z, and the condensed matrix S,
+|u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n). If each step has FINER finer steps and errors are of first order,
+|u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). Without friction, viscosity and VelocityContact, steps make no error.
 """
 
 from __future__ import annotations
@@ -18,19 +15,19 @@ from vemcvx.base.arrays import Floats
 from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from, step
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
-FINER, TO_EXACT = 4, 1.25
-"""Number of finer steps per step, and factor of |u_n - v_n|_a. In tests, 1.25 suffices in place of 4/3."""
+FINER = 4  # least number of finer steps per step
+TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate; it suffices in tests, although the bound has the factor 4/3
 
 
 @dataclass(frozen=True)
 class Finer:
-    """The comparison of a run with a run in finer steps; `bends` and `jumps` are as in the :class:`Course` of data."""
+    """The comparison of a run with a run in finer steps."""
 
     errors: Floats  # (N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT
     added: Floats  # (N,) error added by each step: TO_EXACT times the energy norm of the change of u - v
     times: Floats  # (q,) the finer instants
     norm: float  # largest energy norm of the finer run
-    bends: Floats
+    bends: Floats  # as in the Course of the data
     jumps: tuple[str, ...]
 
 
@@ -54,15 +51,12 @@ def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known:
 
 
 def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
-    """Return finer instants: `parts` pieces per step, at least 8 * `parts` in all, and bends, jumps and samples.
-
-    Samples are added where linear interpolation between the instants is too far from the data.
-    """
+    """Return the instants that split each step into `parts` steps, or more where data vary fast; bends are included."""
     chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
-    # Linear interpolation on a piece of length h has the error h^2 f'' / 8. It is 2e-3 of the size of the data if
-    # int (f'' / .016)^{1/2} dt = 1 over each piece.
+    # Add an instant whenever int (|f''| / .016)^{1/2} dt of the data f has grown by 1. On the piece between two such
+    # instants, of length h, linear interpolation has the error h^2 |f''| / 8 = .002, relative to the largest f.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 

@@ -19,8 +19,7 @@ QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam = (dual of U)
 the dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
-In both formats, the first n variables are d. The first line is a comment with n, the number m of norm terms, the number
-of components of each term, and the numbers of limits, of soft limits, and of motions in the kernel of K.
+In both formats, the first n variables are d. The first line is a comment with the sizes of the program.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
 
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
-    """Return suffix -> contents of the file."""
+    """Return the contents of the file, by suffix."""
     soft = np.flatnonzero(program.operators.compliance)
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
@@ -119,7 +118,7 @@ def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats,
     ]
     A: sp.csr_matrix = sp.csr_matrix(sp.block_array(blocks))
     b = np.concatenate([[0.0, 1.0], np.zeros(energy - 2 + m), -program.b, program.e])
-    # The first row of a cone contains t_i, the next rows B_i d.
+    # Each cone has the row of t_i, then the rows of B_i d.
     terms = np.concatenate([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)], axis=1).ravel()
     order = np.concatenate([np.arange(energy), energy + terms, np.arange(len(b) - len(c), len(b))])
     return A[order], b[order], _cones(energy, m, block, len(c))
@@ -154,13 +153,13 @@ def from_cbf(path: Path) -> StepProgram:
 
 
 def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
-    """Yield the names of the rows and of the objective, then the names of the columns and of the right-hand side."""
+    """Yield the names of rows, with the objective last; then the names of columns, with the right-hand side last."""
     for sizes, last in (({"U": m, "L": m, "Z": r}, "cost"), ({"d": n, "t": m, "p": r}, "rhs")):
         yield [*(f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)), last]
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return suffix -> contents of the file; raise ProgramError if the program has second-order cones."""
+    """Return the contents of the file, by suffix; raise ProgramError if the program has second-order cones."""
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
         raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")

@@ -1,4 +1,4 @@
-"""Interfaces: edges (in space: faces) at which the boundaries of two bodies coincide; each body has its own nodes."""
+"""Interfaces, at which the boundaries of two bodies coincide."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Interface:
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Edges of the first body, with the body on their left. In space (k, n) vertices of its faces, counter-clockwise
-        seen from outside; shorter rows are padded with -1.
+        Nodes of edges, with the first body on the left. In space, (k, n) nodes of faces of the first body,
+        counter-clockwise seen from outside; shorter rows are padded with -1.
     partners : (k, 2) int
         The nodes of the second body that coincide with the nodes in `edges`, entry by entry.
 
@@ -79,7 +79,6 @@ def check_interfaces(
 
 
 def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimension: int) -> bool:
-    """Return True if both arrays have valid nodes, and -1 as padding (in space only) at the same positions."""
     if {edges.dtype.kind, partners.dtype.kind} - {"i", "u"} or edges.shape != partners.shape or edges.ndim != 2:
         return False
     if not len(edges) or edges.shape[1] < dimension or (dimension == 2 and edges.shape[1] > 2):
@@ -98,7 +97,7 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return two arrays (k, n): the nodes of coinciding edges or faces in the earlier and in the later body."""
+    """Return the nodes (k, n) of the edges or faces that coincide with later ones, and the coinciding later nodes."""
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
@@ -110,7 +109,7 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
 
 
 def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return, for each node in the rows `one`, the coinciding node in the rows `other` of the second body."""
+    """Return the node in the rows `other` that coincides with each node in the rows `one`."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -137,7 +136,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Return interfaces with edges or faces in the order and direction of the boundary, or raise MeshError."""
+    """Sort the edges or faces of interfaces as on the boundary; raise MeshError for edges that are not on it."""
     offsets, vertices = outlines
     found = {}
     for name, interface in interfaces.items():
@@ -168,6 +167,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the positions in the boundary of edges or faces, given as rows (k, n) of nodes padded with -1."""
+    """Return the boundary positions of edges or faces; `side` (k, n) has their nodes, padded with -1."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -1,16 +1,15 @@
 """Local refinement of polygonal meshes: marked cells are split; neighbours keep their shape and get hanging nodes.
 
-The midpoints of the n sides of a cell are joined to its centre, which gives n quadrilaterals. The midpoints of a
-triangle are joined to each other instead (four similar triangles), and a long thin convex cell with two midpoints is
-cut across. Further cells are split until unsplit cells get at most one hanging node per straight part of their outline.
+A *bend* is a vertex at which the outline of a cell is not straight. A *corner* is a bend by more than `CORNER_ANGLE`;
+in cells with fewer than three such bends, all bends are corners. A *side* is the outline between neighbouring corners.
 
-A *bend* is a vertex at which the outline is not straight. A *corner* is a bend by more than `CORNER_ANGLE`. If a cell
-has fewer than three corners, all its bends are corners.
+A side is *long* if the cell is a triangle, or if its length is at least `LONG_SIDE` times the diameter of the cell. A
+long side is split once: at a vertex near its midpoint if there is one, else at the midpoint of the edge in its middle.
+Short sides stay whole: splitting them would make Voronoi cells thinner and thinner.
 
-A *side* of a cell is its outline from one corner to the next. It is *long* if the cell is a triangle, or if its length
-is at least `LONG_SIDE` times the diameter of the cell. A long side is split once: at a vertex near its midpoint if
-there is one, else at the midpoint of the edge that contains the midpoint of the side. Short sides stay whole, because
-splitting them would make Voronoi cells thinner and thinner.
+The split points of a cell are joined to its centre; with n long sides, this gives n quadrilaterals. In triangles, they
+are joined to each other (four similar triangles). A convex cell with two split points is cut from one to the other.
+Further cells are split until unsplit cells get at most one hanging node between neighbouring bends.
 """
 
 from __future__ import annotations
@@ -43,10 +42,7 @@ from vemcvx.meshes.polygons import (
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
-"""Least length, relative to the cell diameter, of sides that are split.
-
-All sides of squares, regular hexagons and decagons (0.31), and rectangles up to 1 : 3.1 are long.
-"""
+"""Least length of a long side, relative to the diameter of the cell; sides of a regular decagon have 0.31."""
 
 
 class Splitting(NamedTuple):
@@ -55,7 +51,7 @@ class Splitting(NamedTuple):
     sides: Ints  # (n_cells,) number of sides
     all_long: Bools  # (n_cells,) True if all sides of the cell are split
     convex: Bools  # (n_cells,)
-    places: Ints  # (n_cells,) number of points at which the outline is split: at least 2 for all but extreme shapes
+    places: Ints  # (n_cells,) number of points at which the outline is split
     bend: Bools  # (n_corners,) vertices at which the outline is not straight
     vertex: Bools  # (n_corners,) True if the outline is split at this vertex
     edge: Bools  # (n_corners,) True if the edge that starts at this vertex is split at its midpoint
@@ -65,7 +61,7 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
     """Find the sides of all cells, and the points at which sides would be split."""
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
-    order = rotation(corner, mesh.offsets)  # so that each outline begins with a side
+    order = rotation(corner, mesh.offsets)  # each outline begins at a corner
     first = np.flatnonzero(corner[order])
     cell = cell_of_corner(mesh.offsets)[first]
     counts = np.bincount(cell, minlength=mesh.n_cells)
@@ -103,7 +99,7 @@ def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
 
 
 def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
-    """Return the vertices and the edges at the midpoints of long sides; sides begin at the positions `first`."""
+    """Return the vertices and the edges at which long sides are split; sides begin at the positions `first`."""
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
     end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits
@@ -121,14 +117,14 @@ def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
 
 
 def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:
-    """Return the centres (n_cells, 2) to which midpoints are joined; raise MeshError if a cell is not star-shaped.
+    """Return the centres (n_cells, 2) of cells; raise MeshError if a marked cell is not star-shaped.
 
     shape of the cell          centre
     four long sides, convex    the mean of the four vertices; repeated refinement leads to parallelograms
     four sides, not convex     (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells         the centroid
-    other cells                the centroid if it is at least .1 diameters inside the lines of all sides; otherwise
-                               the centre of the largest ball about which the cell is star-shaped
+    other cells                the centroid if it is at least .1 diameters left of the lines of all edges; otherwise
+                               the centre of the largest ball to the left of the lines of all edges
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
@@ -171,7 +167,7 @@ def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats,
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of convex quadrilaterals and arrows (c, 4, 2); any first corner gives exactly the same."""
+    """Return the centres of quadrilaterals (c, 4, 2); they do not depend on the first vertex, not even by rounding."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -186,8 +182,8 @@ def _children(
 ) -> tuple[Ints, Ints, Ints]:
     """Return offsets, vertices and parents of the new cells, sorted by parent.
 
-    `begin` marks vertices at which parts begin; `split` marks cells with several parts; `medial` marks triangles with a
-    part between the three midpoints. `centre` is the central node of a cell, or -1.
+    `begin` marks vertices at which a new cell begins; `split` marks cells to be split; `medial` marks triangles with a
+    new cell between the three midpoints. `centre` is the central node of a cell, or -1.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)
@@ -203,10 +199,10 @@ def _children(
 
 
 def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
-    """Split the marked cells (n_cells,), and the cells that would get a second hanging node on a straight part."""
+    """Split marked cells, and cells that would get two hanging nodes between neighbouring bends."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
-    if mesh.interfaces:  # edges of two bodies in one place have one number
+    if mesh.interfaces:  # coinciding edges of two bodies are split together
         edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
     marked = mark_crowded(marked, mesh, splitting, edge)
     centres, cell = centres_of(mesh, splitting, marked), cell_of_corner(mesh.offsets)
@@ -245,14 +241,14 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask (n_corners,) of the edges that are split in a marked cell; `edge` has their numbers."""
+    """Return a mask (n_corners,) of the edges that marked cells split; equal numbers in `edge` mean the same edge."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]
 
 
 def mark_crowded(marked: Bools, mesh: PolygonMesh, splitting: Splitting, edge: Ints) -> Bools:
-    """Mark further cells until no unmarked cell would get a second node between neighbouring bends."""
+    """Mark further cells until unmarked cells get at most one hanging node between neighbouring bends."""
     marked, cell, bend = marked.copy(), cell_of_corner(mesh.offsets), splitting.bend
     order = rotation(bend, mesh.offsets)
     begin = np.flatnonzero(bend[order])

@@ -18,7 +18,7 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.several_bodies import join
 
 
-# `| Any`, so that scripts need no cast: the type of the mesh depends on the file.
+# The type of the mesh depends on the file; with `| Any`, scripts need no cast.
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
@@ -31,8 +31,8 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     path : str or Path
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
-        Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells
-        (Gmsh), a property (Nastran), or an instance or part (Abaqus; in files without parts: an element set).
+        Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells in
+        Gmsh, a property in Nastran, an instance or part in Abaqus (an element set if there are no parts).
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -71,10 +71,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return, for each named side that lies wholly on interfaces, the positions of its pieces in the boundary.
-
-    Partners on first bodies replace pieces on second bodies. `origin` has the old edge or face of each boundary piece.
-    """
+    """Return the boundary positions of named sides that `join` put on interfaces, as positions on the first bodies."""
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
         first[faces_of(interface.partners, mesh._outlines)] = faces_of(interface.edges, mesh._outlines)

@@ -1,6 +1,6 @@
 r"""The certificate: a bound on the distance of any answer from the solution (proofs: docs/theory/certificate.md).
 
-Take the program of a step (``StepProgram``) with the solution $d^*$, any $d$ within the bounds of limits, and any
+Let $d^*$ be the solution of a step's program (``StepProgram``). Take any $d$ within the bounds of limits, and any
 $|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
@@ -9,9 +9,9 @@ $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|e|_K^2 = e' K e$. If $K$ has a kernel $N$, this is a
 seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
-Theorem 2: let $d - v$ be within the bounds, and $T(v)$ the two sums of the gap with $s$ and $z$ at $d - v$. Then
-$|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. The move $v$ removes slips and excesses $z$ that count as zero
-(``StepProgram.zero_levels``). We take the smaller of the two bounds.
+Theorem 2: for any move $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ after the move to $d - v$. Then
+$|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$ if $d - v$ is within the bounds. We choose a move that removes
+slips and excesses $z$ that count as zero (``StepProgram.zero_levels``), and take the smaller of the two bounds.
 
 Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
@@ -31,10 +31,10 @@ from vemcvx.base.arrays import EPS, Floats, directions, lengths
 from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""Relative rounding error of the length of w lam / |lam|. If |lam| is this close to w, w - |lam| counts as zero."""
+"""Relative rounding error of the length of w lam / |lam|: w - |lam| counts as zero if it is at most this part of w."""
 
 ROUNDED = 8 * EPS
-"""Rounding error of a sum of sixteen terms, relative to the sum of their absolute values."""
+"""Rounding error of a sum of sixteen numbers whose absolute values have the sum 1."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -71,13 +71,13 @@ class Certificate(ArrayRecord):
     moved: float = 0.0
 
     def away(self, error: float) -> Certificate:
-        """Return a certificate with the gap error^2 / 2, for a known bound `error` on |d - d*|_K."""
+        """Return a certificate with gap = error^2 / 2, for a known bound |d - d*|_K <= error."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
 
     @cached_property
     def gap(self) -> float:
-        """The bound 1/2 |d - d*|_K^2 <= gap of theorem 1 or theorem 2; infinite instead of NaN."""
+        """The bound of theorem 1 or 2 on 1/2 |d - d*|_K^2; infinite if it is not a number."""
         gap = self.equilibrium + self.terms
         if not gap >= 0:
             return np.inf
@@ -107,11 +107,10 @@ class Certificate(ArrayRecord):
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i.
 
-    If w_i is infinite, the gap is zero for s_i = 0, else infinite. Other gaps are computed without cancellation, as
-    (w - |lam|) |s| + |lam| |s| |e - f|^2 / 2 with the directions e of lam and f of s.
+    They are computed without cancellation: (w - |lam|) |s| + |lam| |s| |e - f|^2 / 2, directions e of lam and f of s.
     """
     size, slip = lengths(lam), lengths(s)
-    # A vanishing lam or s has no direction; then `apart` is multiplied by |lam| |s| = 0.
+    # A vanishing lam or s has no direction, but `apart` has no effect, because |lam| |s| = 0.
     apart = directions(lam, size) - directions(s, slip)
     short = np.where((size >= (1.0 - BOUND_ROUNDING) * w) | (slip == 0.0), 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)

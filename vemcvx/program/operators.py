@@ -37,14 +37,13 @@ SECOND_ORDER_CONES = "second-order cones"
 BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
 FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
-"""The features that a program can have."""
 
 SYMMETRY_TOLERANCE = 1e-10
 """Largest accepted difference between K and K', relative to the largest entry: rounding makes K asymmetric."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
-    """Raise SceneError unless K is square and Kx = K'x for a random x; K - K' would take ten times as long."""
+    """Raise SceneError unless K is square and Kx = K'x for a random x."""
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
@@ -60,7 +59,7 @@ def check_symmetric(K: Any, subject: str) -> None:
 def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
     """Convert a matrix into a read-only sparse matrix of finite numbers."""
     matrix = as_sparse_matrix(raw, subject)
-    if not matrix.has_canonical_format:  # In a later product, SciPy would sort the entries in place.
+    if not matrix.has_canonical_format:  # SciPy would sort the read-only entries in a later product.
         matrix = matrix.copy()
         matrix.sum_duplicates()
     read_only(matrix.data)
@@ -82,7 +81,7 @@ def as_read_only_symmetric(raw: Any, subject: str) -> Matrix:
 
 
 def whole_blocks(block: Any, rows: int, subject: str) -> int:
-    """Return `block` as an int; raise SceneError if the number of rows of B is not a multiple of it."""
+    """Return `block` as an int; raise SceneError if it does not divide the number of rows of B."""
     if not is_whole(block) or block < 1 or rows % block:
         raise SceneError(
             f"{subject}: found B with {rows} rows and block = {brief(block)}; "
@@ -154,7 +153,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The numbers of unknowns, norm terms, their rows, and limits: the lengths of g, w, b and e."""
+        """The lengths of g, w, b and e: one number per unknown, norm term, row of B, and limit."""
         return self.K.shape[0], self.count, self.B.shape[0], self.D.shape[0]
 
     @cached_property
@@ -184,7 +183,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """The products A Z (N, k) of all rows with the kernel Z (n, k) of K; (N, 0) if K has no kernel."""
+        """The matrix A Z (N, k) with the kernel Z (n, k) of K; k = 0 if K has no kernel."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
@@ -194,7 +193,6 @@ class Operators(ArrayRecord):
 
     @cached_property
     def _transposed(self) -> sp.csr_matrix:
-        """The transpose A' (n, N)."""
         return sp.csr_matrix(self.A.T)
 
     @cached_property
@@ -207,7 +205,7 @@ class Operators(ArrayRecord):
         return np.asarray(self._transposed @ np.append(lam, p))
 
     def force(self, d: Floats) -> Floats:
-        """Return K d (n,), without its part in K's kernel, which is rounding."""
+        """Return K d (n,), without rounding errors in the kernel of K."""
         force = product(self.K, d)
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
@@ -221,13 +219,13 @@ class Operators(ArrayRecord):
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The columns of the entries of B and D if each row has one nonzero entry, in its own column; else None."""
+        """The columns of the entries of B and D if each row has one, and no two rows share a column; else None."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and self.A.data.all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
 
     def move(self, held: Bools, x: Floats) -> Floats:
-        """Return a move v (n,) with A v = x (k,) on the rows `held` (N,), up to rounding."""
+        """Return a move v with A v = x on the rows in the mask `held` (N,), up to rounding."""
         v, A = np.zeros(self.A.shape[1]), self.A[held]
         if self.own_columns is None:
             return np.asarray(lsqr(A, x, atol=1e-15, btol=1e-15, iter_lim=4 * len(x))[0])
@@ -241,7 +239,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def norm_flexibility(self) -> Floats:
-        """The largest diagonal entry f_i (m,) of B_i K^{-1} B_i'; |B_i d| is at most about f_i^{1/2} |d|_K."""
+        """The largest diagonal entry (m,) of each B_i K^{-1} B_i'."""
         return np.asarray(self.blocks(self.flexibilities[: self.B.shape[0]]).max(axis=1))
 
     @property
@@ -256,7 +254,7 @@ class Operators(ArrayRecord):
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimate_energies(unit)
 
     def rounding(self, forces: Floats, y: Floats) -> Floats:
-        """Return a bound on the rounding errors of f - K y, from `forces` = |f| and |y|, (n,) or (n, k)."""
+        """Return bounds on the rounding errors of x - K z for vectors x, z of absolute values `forces` and `y`."""
         return ROUNDED * (forces + product(self.absolute[0], y))
 
     def energies_of_rounding(self, rounding: Floats) -> Floats:
@@ -265,7 +263,7 @@ class Operators(ArrayRecord):
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Return estimates c b'diag(K)^{-1}b of b'K^{-1}b for every row b; c is the largest ratio on sampled rows."""
+        """Estimate e = b'K^{-1}b of each row b by c a, a = b'diag(K)^{-1}b; c is the largest e / a of sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
@@ -276,7 +274,7 @@ class DenseInverse(Factor):
     """The inverse of a dense K."""
 
     def __init__(self, K: Floats):
-        # LAPACK reads matrices by columns: passing K' = K avoids a copy, and halves the time.
+        # LAPACK reads matrices by columns. It takes K' = K without a copy, in half the time.
         upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
             raise singular_matrix_error()

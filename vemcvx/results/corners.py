@@ -1,16 +1,15 @@
 """Warnings of singular stress at point loads and at corners of plane bodies.
 
 A side is held in no direction (free, or open contact), in one direction (a roller, or contact without friction), or in
-both (a clamp, or contact with friction). A body with a side held in one direction is half of a symmetric body, so that
-the angle at this side counts twice. Stress may grow without limit as the mesh is refined (Williams, *Stress
-singularities resulting from various boundary conditions in angular corners of plates in extension*, J. Appl. Mech. 19,
-1952)
+both (a clamp, or contact with friction). Stress may grow without limit as the mesh is refined
 
 - if two sides of the same kind meet at more than 180 degrees, at a reentrant corner,
-- if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
+- if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio
 
-Where bodies meet in a corner, their angles add up. Corners between materials, jumps of loads or displacements, and
-edges and corners in space are not examined.
+(Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in extension*,
+J. Appl. Mech. 19, 1952). If just one of the two sides is held in one direction, the body is half of a symmetric body,
+and the angle between the sides counts twice. Where bodies meet in a corner, their angles add up. Corners between
+materials, jumps of loads or displacements, and edges and corners in space are not examined.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from vemcvx.scene.rows import ContactRows
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 LEAST = np.pi / 4
-"""Least angle at which a corner of a held and a free side may be singular: the limit for incompressible bodies."""
+"""Least angle between a held and a free side at which stress may be singular, reached by incompressible bodies."""
 WITHOUT_LIMIT = "without limit as the mesh is refined"
 SUPPORTED = "free side", "roller", "clamp"
 """Names of sides by the number of directions (0, 1, 2) in which supports hold the side."""
@@ -45,7 +44,7 @@ class Sides(ArrayRecord):
 
     edges: Annotated[Ints, "sides 2", ""]  # the nodes of each edge, with the body on its left
     held: Annotated[Ints, "sides", ""]  # the number of directions in which supports hold both ends
-    contact: Annotated[Bools, "sides", ""]  # True for contact with a rigid obstacle, or of an interface's first body
+    contact: Annotated[Bools, "sides", ""]  # True at rigid obstacles, and at interfaces on the first body
     loaded: Annotated[Ints | None, "loaded", ""] = None  # the nodes with point loads
 
     def beside(self, node: int) -> list[int]:
@@ -61,7 +60,7 @@ def find_sides(posed: PosedScene) -> Sides:
     rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in points)])
     edges = mesh.boundaries["boundary"] if isinstance(mesh, PolygonMesh) else np.zeros((0, 2), dtype=np.int64)
     free = posed.supports.free_directions(edges.ravel(), np.repeat(np.arange(len(edges)), 2))
-    # The pressure of a compliant obstacle is bounded, like a load.
+    # Compliant obstacles count as loads, because their pressure is bounded.
     soft = posed.obstacles.compliance > 0
     return Sides(
         edges=edges,
@@ -72,20 +71,20 @@ def find_sides(posed: PosedScene) -> Sides:
 
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
-    """Return True for edges (b, 2) with an end on which some of the `rows` act."""
+    """Return a mask of the edges (b, 2) with an end on which some rows act."""
     return are_among(np.sort(edges, axis=1), np.sort(rows.names[rows.ends[some].indices], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """The corners of a body with the contact of a run; there are no corners if `sides` is None."""
+    """The corners of a body in a run; none if `sides` is None."""
 
     mesh: Mesh
     contact: Contact
     sides: Sides | None
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for a stress or contact force near these nodes, in a row of the history; "" if none."""
+        """Return the warning for a large stress or contact force near these nodes in a row of the history, or ""."""
         if self.sides is None:
             return ""
         corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
@@ -93,7 +92,7 @@ class Corners:
         return self.at_load(nodes) or found
 
     def at_load(self, nodes: Sequence[int]) -> str:
-        """Return the warning for an extreme near a point load at one of these nodes; "" if there is none."""
+        """Return the warning for an extreme near a point load at one of these nodes, or ""."""
         there = self.sides is not None and self.sides.loaded is not None and np.isin(nodes, self.sides.loaded).any()
         return f"at a point load: grows {WITHOUT_LIMIT}" if there else ""
 
@@ -101,7 +100,7 @@ class Corners:
         """Describe the corner at a node; "" if stress is bounded there."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Edges on interfaces count only at the tip of a crack, a single node.
+        if len(nodes) > 1:  # Edges on interfaces count only where bodies share a node, at the tip of a crack.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""
@@ -124,12 +123,11 @@ class Corners:
         return nodes
 
     def _between_bodies(self, edges: Ints) -> Bools:
-        """Return True for edges (k, 2) of either body on an interface."""
         joined = [side for found in self.mesh.interfaces.values() for side in (found.edges, found.partners)]
         return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return in how many directions a side is held, and its name; contact counts at the end outside `nodes`."""
+        """Return in how many directions an edge is held, and how; contact must act at its end outside of `nodes`."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

@@ -25,16 +25,15 @@ class Extreme:
     """Why the value may grow as the mesh is refined (:mod:`vemcvx.results.corners`); empty if no reason is known."""
 
 
-ON_CONTACT = "friction", "pressure", "pressure_recovered"  # Keys of the extremes of forces at contact nodes.
+ON_CONTACT = "friction", "pressure", "pressure_recovered"  # keys of contact forces
 SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", *ON_CONTACT
 """Keys of the extremes that may grow without limit as the mesh is refined."""
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """Return a sentence if the value on the last mesh is larger than on coarser meshes; else an empty string.
+    """Return a sentence if values v_i on ever finer meshes with cell sizes h_i grow; else an empty string.
 
-    The coarsest mesh comes first; `sizes` are the cell sizes h. The last value is larger if it rose faster than h^-.05
-    since the finest mesh whose h is at least 1.5 times the last h.
+    They grow if |v_n| > |v_i| (h_i / h_n)^.05 for the last mesh n, and the last mesh i with h_i >= 1.5 h_n.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -79,7 +78,7 @@ class Quantity:
 
     @property
     def relative(self) -> float:
-        """The error relative to the value; 0 if both are zero, 1 if only the value is zero."""
+        """The quotient error / |value|; 1 if only the value is zero, 0 if the error is zero, too."""
         return self.error / (abs(self.value) or self.error or 1.0)
 
     @property

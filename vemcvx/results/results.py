@@ -46,14 +46,13 @@ class Results(ActingForces):
     forces: Annotated[Floats, "S nodes dim", "force"]
     contact: Contact
     acting: BoundaryForces  # the forces of each effect on the nodes of its boundaries
-    # Lame's lambda (reduced in plane stress) and mu, or the upper triangle of the elastic matrix, row by row.
+    # Lame's constants lambda (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, by rows.
     moduli: Annotated[Floats, "constants cells", "force/area"]
     trajectory: Trajectory
     seconds: dict[str, float]  # "assemble", "prepare" and "solve"
-    # Stresses at zero strain; stresses zz for unit strains e_xx, e_yy, 2 e_xy; stresses zz due to eigenstrains.
-    prestress: Annotated[Floats | None, "S cells components", "force/area"] = None
-    out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None
-    out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None
+    prestress: Annotated[Floats | None, "S cells components", "force/area"] = None  # stresses at zero strain
+    out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None  # zz for unit strains e_xx, e_yy, 2 e_xy
+    out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None  # zz due to eigenstrains
     inactive: tuple[str, ...] = ()  # a sentence for each effect without influence on this run
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
@@ -83,7 +82,7 @@ class Results(ActingForces):
 
     @property
     def energy(self) -> Floats:
-        """The energy (S,) in the body (1/2 a^h(u, u) if no stress acts at zero strain), springs and soft contact."""
+        """The energy (S,) stored in the body, in springs and in soft contact."""
         return self.trajectory.energy[self.stored]
 
     @property
@@ -93,15 +92,15 @@ class Results(ActingForces):
 
     @property
     def work(self) -> Floats:
-        """The work (S,): the sum over steps of displacement increments times forces and reactions at the step's end.
+        """The work (S,) of forces and reactions so far, with the forces at the end of each step.
 
-        `work` minus the change of `energy` minus `dissipated` is the loss of time stepping, which is never negative.
+        The loss of time stepping is never negative: `work` - `dissipated` - (`energy` - `energy` at the beginning).
         """
         return self.trajectory.work[self.stored]
 
     @property
     def dissipated_second_order(self) -> Floats:
-        """The dissipated energy (S,) to second order in the time step, from the friction bounds at both ends of steps.
+        """The dissipated energy (S,), accurate to second order in the time step.
 
         Quote `dissipated_second_order` and `work_second_order`: `dissipated` and `work` are of first order. With
         dashpots, and where slip changes direction in space, `dissipated_second_order` is of first order, too.
@@ -110,17 +109,17 @@ class Results(ActingForces):
 
     @property
     def work_second_order(self) -> Floats:
-        """The work (S,) of forces, reactions and obstacles to second order in the time step: see `work`."""
+        """The work (S,) of forces and reactions, accurate to second order in the time step: see `work`."""
         return self.trajectory.work_second_order[self.stored]
 
     @property
     def certificate(self) -> Floats:
-        """The certified relative energy error (S,) of each stored step; the state before the step counts as exact."""
+        """The certified relative energy error (S,) of each stored step alone, without errors of earlier steps."""
         return self.trajectory.certificate[self.stored]
 
     @property
     def certificate_kind(self) -> str:
-        """The kind of `certificate`: "bound" or, with friction bounds fixed at the answer, "for the given friction"."""
+        """The kind of `certificate`: "bound", or "for the given friction" if friction bounds depend on the answer."""
         return self.trajectory.certificate_kind
 
     @property
@@ -135,7 +134,7 @@ class Results(ActingForces):
 
     @property
     def certified_total(self) -> Floats:
-        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm, with rounding."""
+        """The sum (S,) of the certified errors of all steps so far, rounding included, relative to the energy norm."""
         return self.trajectory.certified_total[self.stored]
 
     @property
@@ -155,7 +154,7 @@ class Results(ActingForces):
 
     @property
     def spread(self) -> tuple[str, str]:
-        """The measure (length or area) by which contact forces are divided, and the unit of the quotient."""
+        """The measure per which contact forces are given, "length" or "area", and the unit of a force per measure."""
         flat = self._space.in_plane and not self.is_axisymmetric
         return ("length", "force/length") if flat else ("area", "force/length²")
 
@@ -169,7 +168,7 @@ class Results(ActingForces):
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In a body of revolution, it is the hoop stress. A Prestress has no component zz.
+        It is 0 in plane stress. In a body of revolution, it is the hoop stress. A Prestress adds nothing to it.
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
@@ -219,12 +218,12 @@ class Results(ActingForces):
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
         `Extreme.unbounded` warns that a value at a corner or point load may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). There is no warning if half of the field is within 1 % of the extreme.
+        (:mod:`vemcvx.results.corners`). Fields that are within 1 % of the extreme on half of the body get no warning.
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
         for one, k, even in largest_values(self):
-            # Slip is bounded at all corners, and friction where its bound is given.
+            # Slip is bounded at all corners; friction is bounded if its bound is given.
             bounded = one.key == "slip" or (one.key == "friction" and given)
             near, row = [] if even or bounded else _near(self, corners, one.key, k), self.row(one.step)
             words = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
@@ -238,7 +237,7 @@ class Results(ActingForces):
 
     @cached_property
     def turns(self) -> Ints:
-        """The stored steps at which the motion reverses: increments before and after have a negative scalar product."""
+        """The stored steps at which the motion reverses: increments before and after have a scalar product < 0."""
         u, before, found = self.displacement, np.zeros(()), list[int]()
         least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
         for row in range(1, len(u)):
@@ -250,7 +249,7 @@ class Results(ActingForces):
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return at most `most` (2 or more) stored steps that outline the course of a run, the peak among them."""
+        """Return up to `most` >= 2 stored steps that outline the course of a run, the peak among them."""
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
         steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]
@@ -278,7 +277,7 @@ def last_of_largest(sizes: ArrayLike) -> int:
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """Yield each extreme, its node or cell, and True if half of the field is then within a percent of the extreme."""
+    """Yield each extreme, its node or cell, and True if half of the field at its step is within 1 % of the extreme."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
     # If squares overflow, the extremes are infinite.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -294,7 +293,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """Return the nodes of the cell of an extreme (in the plane, also of adjacent cells), or contact nodes near it."""
+    """Return the nodes near an extreme: nodes of its cell and, in the plane, of adjacent cells; or contact nodes."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -311,7 +310,7 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
-    """Yield the key of each field with extremes, and its name, unit, values and places at a stored step."""
+    """Yield (key, (name, unit, values, places)) for each field with extremes, at a stored step."""
     mesh, contact = history.mesh, history.contact
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
@@ -339,7 +338,7 @@ RECORDS: dict[str, type] = {
     "sides.": Sides,
     "stabilisation.": VertexWeights,
 }
-"""Records whose arrays make up a history, by the prefix of their arrays' names in files."""
+"""Classes of the records that a history consists of, by the prefix of array names in files."""
 
 
 def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
@@ -423,7 +422,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     tensor[:, space.dim :] *= 0.5
     size = np.abs(np.hstack([principal(tensor), hoop])).max(axis=1)
     k, volumes = int(np.argmax(size)), space.mesh.measures
-    # At a singular corner, some strain is large on any fine mesh.
+    # Strains at a singular corner are large on any fine mesh: they alone are no reason to warn.
     if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():
         place, t = coordinates(space.mesh.centroids[k]), float(results.times[row])
         log.warning(
@@ -433,7 +432,6 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
 
 
 def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
-    """Warn of friction work done where contact is open, unless the scene allows it."""
     unsettled = [friction for friction in posed.terms.frictions if friction.in_the_air]
     if not unsettled or len(posed.obstacles.nodes) == 0:
         return
@@ -452,7 +450,7 @@ def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
 
 
 def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """Return the forces (n_u,) of dashpots on the nodes, from the velocities of the step that ends at a stored row."""
+    """Return the nodal forces (n_u,) of dashpots in the step that ends at a stored row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -466,7 +464,7 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], **more: str
 ) -> Iterator[SolvedProgram]:
-    """Yield programs with their origin: scene, mesh and solver."""
+    """Add scene, mesh and solver to programs as their origin."""
     origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
     return (replace(program, origin=origin) for program in programs)
 

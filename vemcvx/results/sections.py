@@ -1,10 +1,9 @@
 """Forces and moments across a plane through the body, and means of fields over cells.
 
 The nodal forces of the stresses are q = A u + T sigma_0, where u is the displacement, A the stiffness without springs,
-and T sigma_0 the nodal forces of the stresses sigma_0 at zero strain. Let w be a translation or a rotation, and chi be
-1 at the nodes ahead of a plane, 0 at all other nodes. The sum of q . w over the nodes ahead is the virtual work of the
-stresses in chi w: the force or moment that the part ahead exerts on the part behind. This force or moment balances all
-other forces or moments on either part.
+and T sigma_0 the nodal forces of the stresses sigma_0 at zero strain. Let the part ahead of a plane move by a unit
+translation or rotation w, while the part behind rests. Then the virtual work of the stresses is the sum of q . w over
+the nodes ahead: the component along w of the force or moment that the part ahead exerts on the part behind.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def mean(history: Results, field: str, on: str | Sequence[str] | None) -> Floats
 
 
 def _inner_forces(history: Results, space: Space, some: Bools) -> Floats:
-    """Return the forces q (S, n_nodes, dim) on the nodes by the cells in the mask `some` (n_cells,)."""
+    """Return the nodal forces q (S, n_nodes, dim) of the stresses in some cells."""
     if history.trajectory.velocity is not None:
         raise SceneError("section: a history does not keep the stresses of viscosity; use history.force instead.")
     if history.stabilisation is None:

@@ -1,8 +1,8 @@
 """Floating bodies: find motions without strain that no support resists, and describe them in words.
 
 Let A be the stiffness of a body that nothing holds, and R (n_u, k) its rigid motions. A u = f has a solution u if the
-loads f balance: R'f = 0. To choose one solution, k nodal values on which R is regular are held at zero (*pins*); they
-bear no force. Results are the solution without its mean rigid motion.
+loads f balance: R'f = 0. Supports of k nodal values (*pins*) make u unique, and bear no force. Results are the
+solution without its mean rigid motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.vem.elasticity import rigid_modes, split_motion
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the name of each piece's body if interfaces give exactly one, else None. `node[i]` is in `piece[i]`."""
+    """Return the name of the body of each piece; None if interfaces give no name or several. See `_connect`."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -39,7 +39,7 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
 
 
 def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Floats, directed: bool = False) -> str:
-    """Return the motion of a connected part in words, with its sense if `directed`; `axes` is from `_motions`."""
+    """Return a motion of a connected part in words, with its sense if `directed`; `_motions` returns `axes`."""
     mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
     each = mode.reshape(len(bodies), -1)
     large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -51,7 +51,6 @@ def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Fl
 
 
 def _describe_rigid(mode: Floats, directed: bool) -> str:
-    """Return a rigid motion in words: a translation, a rotation, or both."""
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate, turns = np.linalg.norm(turn), "a rotation"
     if rate > DIRECTION_TOLERANCE and len(turn) > 1:
@@ -63,23 +62,23 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
     return f"the translation {coordinates(move, 2)}" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
-# A piece of the body is a set of cells joined along edges (in space, along faces); without strain it moves as a rigid
-# body. Pieces that share single nodes only are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece
-# q, and v the nearest field that has one value per node and obeys the supports (v = P y). The squared distance is
+# A piece of the body is a set of cells joined along edges (in space, along faces). Pieces that share single nodes only
+# are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece q, and v = P y the nearest field that has
+# one value per node and obeys the supports. The squared distance between R c and v is
 #
 #     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node.
 #
-# The body floats if and only if this is zero for some c != 0, and v'Fv = 0 for the stiffness F of springs.
+# The body floats if and only if the distance is zero for some c != 0, and v'Fv = 0 for the stiffness F of springs.
 FREE_FRACTION = 1e-12
-"""A motion is free if squared distance / |R c|^2 is less than this number; one clamped node among 1e6 gives 1e-6."""
+"""Squared distance, relative to |R c|^2, below which a motion is free; one clamped node among 1e6 gives 1e-6."""
 
 
 def floating_motions(
     space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the rigid motions that only `felt` (rows, n), the rows of norm terms and limits, resist, or None.
+    """Return the motions that only contact or friction resists, or None; and True if all are motions of named bodies.
 
-    Return also True if all are motions of named bodies. Raise SceneError if there is a motion that nothing resists.
+    `felt` (rows, n) has the rows of norm terms and limits. Raise SceneError if there is a motion that nothing resists.
     """
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
@@ -91,7 +90,7 @@ def floating_motions(
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    # The direction of a side of length h at the distance D from the origin has a rounding error of EPS D / h.
+    # Rounding of coordinates up to D turns a side of length h by EPS D / h.
     rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
     modes, names, named = list[Floats](), list[str](), True
     described = list[tuple[Callable[..., str], Floats]]()
@@ -106,7 +105,7 @@ def floating_motions(
         if loose.shape[1] == 0:
             continue
         loose = _along_axes(loose)
-        # Remove rounding: a remainder of 1e-15 across a translation would press against contact.
+        # Remove rounding: contact would seem to resist a translation that has a component of 1e-15 normal to it.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
@@ -134,7 +133,7 @@ def floating_motions(
 def _refuse_floating(
     which: str, describe: Callable[[Floats], str], loose: Floats, felt: Floats, rounding: float
 ) -> None:
-    """Raise SceneError if `felt` (rows, j), the components of the motions `loose` (., j) at contact, has a kernel."""
+    """Raise SceneError if a combination c of the motions `loose` has no component at contact: felt @ c = 0."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
     # If contact resists no motion, `size` is rounding.
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
@@ -163,7 +162,7 @@ def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tupl
 
 
 def check_balance(force: Callable[[float], Floats], points: Floats, times: Sequence[float]) -> None:
-    """Raise SceneError if the loads, t -> (n_u,), of a body that nothing holds do not balance at one of `times`."""
+    """Raise SceneError if the loads of a body that nothing holds do not balance at one of `times`."""
     centre = points.mean(axis=0)
     modes = rigid_modes(points - centre)
     for t in times:
@@ -194,14 +193,14 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return orthonormal columns that span `loose`, as near as possible to motions of one piece along one axis."""
+    """Return an orthonormal basis of the range of `loose`, preferably of motions of one piece along one axis."""
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
-    """Return orthonormal coefficients of the combinations of the fields that have no energy in the springs."""
+    """Return orthonormal columns c for which fields @ c has no energy in the springs."""
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE_FRACTION * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
@@ -222,8 +221,8 @@ def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
     """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node[i]` is in `piece[i]`.
 
-    Rotations are about the centre of a piece and scaled by its size, so that they weigh like translations. Return also
-    matrices (pieces, k, k) that map coefficients of columns to translations along, and rotations about, the axes.
+    Return also matrices (pieces, k, k): they turn the coefficients of a motion in these columns into translations along
+    the axes and rotations about the axes. Rotations are about the centre of a piece, and divided by its size.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
@@ -240,7 +239,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     # All rotations of a piece get one factor, which preserves the axis of a combined rotation.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
-    # Rotations about axes other than the principal axes of inertia are not orthogonal; 1e-9 is above rounding.
+    # Rotations about axes other than the principal axes of inertia are not orthogonal.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
         modes, axes = modes @ orthonormal[piece], axes @ orthonormal

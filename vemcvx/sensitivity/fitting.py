@@ -6,7 +6,7 @@ With measurements m and values q(theta) of quantities, we minimise
 
 by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The caller states the
 regularisation L. The noise of m has the standard deviation s sigma. If the caller gives sigma, s = 1. Otherwise sigma
-is the largest |m| of each quantity, and s is estimated. With J = dr/dtheta and H = J'J + L'L, the estimate is
+is the largest |m_i| of each quantity, and s is estimated. With J = dr/dtheta and H = J'J + L'L, the estimate is
 s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). The covariance of the result is s^2 H^{-1}. Standard
 errors hold for the linearised model and independent noise, without the bias that the regularisation causes.
 """
@@ -36,7 +36,7 @@ log = logging.getLogger("vemcvx")
 TOLERANCE = 1e-10
 """Relative change of the sum of squares, and of the parameters, at which a fit ends."""
 UNDETERMINED = 1e-8
-"""A combination of parameters is undetermined if it changes r by at most this fraction of the largest change."""
+"""Singular value of dr/dtheta, relative to the largest, up to which a combination of parameters is undetermined."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -119,8 +119,6 @@ def fit(
 ) -> Fit:
     """Find the parameters of a scene that explain measurements best, with standard errors.
 
-    The logger "vemcvx" reports each run at level INFO.
-
     Parameters
     ----------
     scene_of, mesh, times, shapes, initial, solver
@@ -131,12 +129,12 @@ def fit(
         Measured values of quantities at all instants, by the names that :func:`vemcvx.sensitivities` takes; NaN where
         nothing was measured.
     noise : number, or dict of str to number, optional
-        The standard deviation of the noise, in the unit of the quantity. By default it is s times the largest measured
-        value of the quantity; the residuals determine one s for all. If s differs between quantities, give `noise`.
+        The standard deviation of the noise, in the unit of the quantity. By default, the noise of every quantity is
+        the same fraction of its largest measured value; the residuals determine this fraction.
     bounds : pair of numbers or (P,) arrays
         The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
     penalty : (k, P) array, optional
-        The regularisation L of a field: |L theta|^2 is added to the sum of (residual / noise)^2.
+        The regularisation L: |L theta|^2 is added to the sum of (residual / noise)^2.
     names : sequence of str, optional
         Names of the parameters for the summary; by default theta[0], theta[1], ...
 
@@ -215,7 +213,6 @@ def fit(
 
 
 def _read_bounds(bounds: ArrayLike, start: Floats) -> Floats:
-    """Return the smallest and the largest parameters (2, P)."""
     found = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, len(start)))
     low, high = found
     if not ((low <= start) & (start <= high) & (low < high)).all():
@@ -225,7 +222,6 @@ def _read_bounds(bounds: ArrayLike, start: Floats) -> Floats:
 
 
 def _read_penalty(penalty: ArrayLike | None, count: int) -> Floats:
-    """Return the rows (k, P) of the penalty; no rows if there is none."""
     if penalty is None:
         return np.zeros((0, count))
     L = finite(as_real_array(penalty, "fit: penalty", "an array (k, P)"), "fit: penalty")
@@ -233,7 +229,6 @@ def _read_penalty(penalty: ArrayLike | None, count: int) -> Floats:
 
 
 def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:
-    """Return the measured values (Q, N + 1), with NaN where nothing was measured."""
     if not isinstance(measured, Mapping) or not measured:
         raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
     m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
@@ -255,7 +250,7 @@ def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m:
 
 
 def _invert(J: Floats, scale: Floats) -> tuple[Floats, Bools]:
-    """Return (J'J)^{-1} on the directions that J determines, and a mask of the undetermined parameters."""
+    """Return (J'J)^{-1} on the combinations of parameters that J determines, and a mask of undetermined parameters."""
     size, V = np.linalg.svd(np.vstack([J * scale, np.zeros((len(scale),) * 2)]))[1:]
     known = size > UNDETERMINED * size.max()
     each = scale * V[known] / size[known, None]

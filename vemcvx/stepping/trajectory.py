@@ -29,7 +29,7 @@ log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npy"
 BATCH_SIZE = 8
-"""Number of states certified in full in one batch, which takes a third of the time of certifying them singly."""
+"""Number of states that are certified together, on all unknowns, in a third of the time of single certificates."""
 
 
 class Memory:
@@ -46,11 +46,11 @@ class Memory:
             ) from error
 
     def clear(self) -> None:
-        """Do nothing: there is no earlier run in memory."""
+        """Do nothing: memory holds no earlier run."""
 
 
 class Folder(Owned):
-    """Storage of rows in files of a folder, for a new run or to resume an earlier run; use it in a ``with`` block."""
+    """Storage of the rows of a new or resumed run in files of a folder, open during a ``with`` block."""
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -62,13 +62,13 @@ class Folder(Owned):
         return self._resumes and (self.path / CHECKPOINT).exists()
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
-        """Return the array of an earlier run if it is `kept`, else a new file of zeros."""
+        """Return an array in a file: if `kept`, the array of an earlier run, else zeros."""
         if 0 in shape:
             return np.zeros(shape, dtype)
         file = self.take(f"{name}.npy")
         try:
             if kept:
-                # Check the file read-only: opened for writing, a truncated file would be filled with zeros.
+                # Open the file read-only first: opening a truncated file for writing would fill it with zeros.
                 old = np.lib.format.open_memmap(file, mode="r")
                 if old.shape != shape or old.dtype != np.dtype(dtype):
                     raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of {shape}")
@@ -100,7 +100,7 @@ class Trajectory(ArrayRecord):
     stored : (S,) array
         Step numbers of the rows of all arrays (S, ...).
     state, velocity : (S, n) arrays
-        y at the stored instants, and in runs with damping (y_n - y_{n-1}) / k_n; else `velocity` is None.
+        Unknowns y_n, and velocities (y_n - y_{n-1}) / k_n with the length k_n of the step; None without damping.
     multipliers, pressures : (S, m, block) and (S, r) arrays
         lam and p with K y = load - B'lam - D'p, |lam_i| <= w_i and p >= 0.
     weights : (S, m) array
@@ -108,15 +108,15 @@ class Trajectory(ArrayRecord):
     sticking : (S, m) array of bool
         True if the certificate cannot distinguish the slip of the step from zero; True for the initial state.
     worn, worn_second_order : (S, m) arrays
-        Work of each norm term: the sum of lam_i . s_i over all steps so far, and the same by the trapezoidal rule.
+        Work of each norm term: the sum of lam_i . s_i over all steps so far, and the sum by the trapezoidal rule.
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     energy, norm : (N + 1,) arrays
-        Stored energy, 1/2 a(u, u) plus c p^2 / 2 of each soft limit, and the energy norm |u_n|_a.
+        Stored energy: 1/2 a(u, u) and the energy c p^2 / 2 of each soft limit. Energy norm: |u_n|_a.
     dissipated, dissipated_second_order : (N + 1,) arrays
-        Dissipated energy so far: the sum of lam_i . s_i and of losses by damping, and by the trapezoidal rule.
+        Energy dissipated by friction and damping so far, by backward Euler and by the trapezoidal rule.
     work : (N + 1,) array
-        Work of loads, supports, obstacles and ground: end-of-step forces times increments, summed.
+        Work of all outer forces so far, with the forces at the end of each step.
     gap, floor : (N + 1,) arrays
         Certified duality gap of each step, and the energy by which rounding may change it.
     iterations : (N + 1,) array of int
@@ -124,8 +124,8 @@ class Trajectory(ArrayRecord):
     given_friction : (N + 1,) array of bool
         True if weights depend on pressures or may fall with slip: certificates then hold for weights at the answer.
     unit : (N + 1,) array
-        Reference norm of relative errors: the largest energy norm so far, or a norm of the data while all states are
-        zero at the requested accuracy.
+        Norm by which errors are divided: the largest energy norm so far or, while states are zero up to the requested
+        accuracy, a norm of the data.
     seconds : dict
         Time of "prepare" and "solve" (all steps).
     solver, linear : str
@@ -215,7 +215,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        With given weights and without limits, |u_n - u_n*|_a is at most this sum. If limits act, it is not a bound.
+        With given weights, it bounds |u_n - u_n*|_a / `unit` if there are no limits. It is no bound if limits act.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 
@@ -226,14 +226,14 @@ class Trajectory(ArrayRecord):
 
 
 def relative(error: Floats, scale: Floats) -> Floats:
-    """Return error / scale with 0/0 = 0, and infinity where the quotient is not a number."""
+    """Return error / scale; 0 for 0/0, and infinity for other quotients that are not defined."""
     known = (error >= 0) & (scale > 0) & (scale < np.inf)
     ratio = np.divide(error, scale, out=np.full(np.shape(error), np.inf), where=known)
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
 
 
 def choose_stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
-    """Return the numbers of the steps to store: "all", "last", every n-th and the last, or given steps and the last."""
+    """Return the numbers of the steps that the argument `store` of `march` selects."""
     if isinstance(store, str) and store in ("all", "last"):
         return np.arange(steps + 1) if store == "all" else np.array([steps])
     if is_whole(store) and store >= 1:
@@ -252,7 +252,7 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """The recorder of a trajectory's rows at the instants `times`; arrays are stored for the steps `kept` (S,)."""
+    """The recorder of a trajectory; it stores the steps `kept` (S,) in rows of arrays."""
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
@@ -287,7 +287,7 @@ class Recorder:
         return n, state
 
     def add(self, n: int, state: State) -> None:
-        """Add the state after step `n`; step 0, the initial state, begins a new run."""
+        """Add the state after step `n`; the initial state, n = 0, begins a new run."""
         if n == 0:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
@@ -298,7 +298,7 @@ class Recorder:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
-        """Write the waiting states in the order of their steps, up to the first that is not certified."""
+        """Write the waiting states, step by step; raise NotCertified at the first state that is not certified."""
         waiting, self._waiting = self._waiting, {}
         kept = {n: state for n, state in waiting.items() if (n == 0 or n in self._kept) and state.full is None}
         waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)
@@ -334,7 +334,6 @@ def row_of(arrays: Mapping[str, NDArray[Any]], kept: Ints, n: int) -> dict[str, 
 
 
 def _row(state: State, accuracy: float) -> dict[str, Any]:
-    """Return the entries of a state in the arrays of a trajectory, by name."""
     certificate = state.certificate
     return {
         **vars(state.ledger),
@@ -355,7 +354,7 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
 
 
 def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
-    """Return the state at `t` from the rows of a stored step, or of the initial state."""
+    """Return the state at `t` from its rows in the arrays of a trajectory."""
     now = StepData.evaluate(run.condensation, t)
     if "state" not in row:
         return make_given_state(run, now, np.array(row["initial"]))
@@ -363,7 +362,7 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
     ledger = Ledger(**{field.name: read[field.name] for field in fields(Ledger)})
     state, m, norms = make_given_state(run, now, read["state"], ledger), run.operators.count, run.system.norms
     lam, p, weights = (read[name] for name in ("multipliers", "pressures", "weights"))
-    # After a step without dashpots B'lam + D'p is more accurate than load - K y.
+    # After a step without dashpots, B'lam + D'p is more accurate than load - K y.
     balanced = run.system.damping is None and "initial" not in row
     held = run.operators.multiplier_force(lam[:m], p) if balanced else state.unbalanced
     return replace(
@@ -380,7 +379,7 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
 
 
 def hash_run(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
-    """Return four integers that identify a run by matrices, instants, stored steps, settings and some of its data."""
+    """Return a hash, four integers, of the matrices, instants, stored steps, settings and some data of a run."""
     system, made = run.system, hashlib.blake2b(digest_size=32)
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
     parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]

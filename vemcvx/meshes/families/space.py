@@ -19,12 +19,11 @@ def cubes(
     Parameters
     ----------
     n : int or (int, int, int)
-        Number of cells along the shortest side of the box; the numbers along the other sides make cells nearly cubes.
-        Or the numbers of cells along x, y and z.
+        Numbers of cells along x, y and z; or the number along the shortest side, if cells shall be nearly cubes.
     box : ((x0, x1), (y0, y1), (z0, z1))
         The box to mesh.
     seed : int
-        Seed of random numbers: the same seed gives the same mesh. This mesh does not depend on it.
+        Seed of random numbers: the same seed gives the same mesh. Meshes of `cubes` do not depend on it.
     size : float
         Width of a cell, instead of n; it is rounded so that whole cells fill the box.
 
@@ -37,8 +36,7 @@ def cubes(
     Raises
     ------
     MeshError
-        n or size is not positive, or both or neither are given; box is not a box; seed is not a whole number; or there
-        would be too many cells.
+        An argument is not valid, both or neither of n and size are given, or there would be too many cells.
 
     Examples
     --------
@@ -51,7 +49,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
-    """Return nodes layer by layer, and the corners (n_cells, 8) of cells: around the bottom, then around the top."""
+    """Return nodes layer by layer, and corners (n_cells, 8): four around the bottom of each cell, then four on top."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -63,7 +61,7 @@ def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """Return a mesh of cells of one kind; `faces` (n_cells, faces, vertices) are their outward faces."""
+    """Return the mesh of cells of one kind, from the nodes of faces, (n_cells, faces per cell, nodes per face)."""
     cells, each, sides = faces.shape
     joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)
@@ -71,7 +69,7 @@ def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh
 
 # six tetrahedra about the diagonal from the lowest corner to the highest (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
-"""Rows: corners of a tetrahedron, numbered as in `cube_grid`; seen from the last, the others run counter-clockwise."""
+"""Corners of each tetrahedron by their positions in `cube_grid`, in the order of a "tetra" of meshio."""
 
 
 def tetrahedra(

@@ -32,7 +32,7 @@ def from_meshio(mesh: Any) -> Grid:
 def cells_of(mesh: Any) -> Grid:
     """Return the corners of cells, block by block, with data and named sets of cells and nodes."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # the data of unknown kinds may be no array; `mesh_of` refuses such kinds later
+    for block in mesh.cells:  # `mesh_of` will refuse unknown kinds; their data need not be an array
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
@@ -56,10 +56,7 @@ def cells_of(mesh: Any) -> Grid:
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Add physical groups to a grid as named sets; `numbers` (k,) are groups of cells (entities, with `groups`).
-
-    The cell datum "gmsh:physical" gets the first group of each cell.
-    """
+    """Add physical groups as named sets; `numbers` (k,) has each cell's group, or its entity if `groups` is given."""
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
     for dim, number in np.unique(np.column_stack([dimension, numbers]), axis=0).tolist():
@@ -76,7 +73,7 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return the meshio mesh of a grid; if blocks permute the cells, the cell datum `CELL` has their numbers."""
+    """Return the meshio mesh of a grid; if its blocks reorder the cells, the cell datum `CELL` has the old order."""
     import meshio
 
     counts = np.diff(grid.offsets)

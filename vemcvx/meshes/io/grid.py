@@ -1,8 +1,8 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
-Lines (in space: polygons) on the boundary are cells of the grid, too. If a named set contains cells of the mesh, a cell
-datum is 1 in the set and 0 outside. If it contains lines or polygons on the boundary, these become a named part of the
-boundary. In files that keep data, the cell datum "boundary:<name>" is 1 on the lines or polygons of this part.
+Lines (in space: polygons) on the boundary are cells of a grid, too. A named set of them becomes a named part of the
+boundary, which files keep as a cell datum "boundary:<name>". Named sets of other cells become cell data. In both cases,
+the cell datum is 1 in the set and 0 outside.
 
 An interface of two bodies is stored as two boundaries: edges or faces of the first body under the name of the
 interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
@@ -35,14 +35,14 @@ AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # kinds of higher order end in digits ("triangle6"); their corners are their first nodes
+DIGITS = "0123456789"  # cells of higher order, such as "triangle6", list their corners first
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
-"""Ends of the three edges from vertex 0, in right-handed order."""
+"""Neighbours of vertex 0 along edges, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""Numbers of (nodes, faces, triangular faces) -> (kind of the solid, number of nodes of its bottom)."""
+"""Kind of a solid and number of nodes at its bottom, by its numbers of (nodes, faces, triangular faces)."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Grid:
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,) of the cells of the mesh (solids, or else polygons), and of cells that may be on the boundary."""
+        """Masks (k,): the cells of the mesh, solids or else polygons; and the cells that may be on its boundary."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
@@ -81,7 +81,7 @@ class Grid:
 
 @contextlib.contextmanager
 def translate_errors(subject: str, failure: str) -> Iterator[None]:
-    """Turn all errors inside the block, even sys.exit, into MeshError, and hide what other libraries print."""
+    """Raise MeshError in place of any error and of sys.exit inside the block; hide the output of other libraries."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -107,7 +107,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the cells of a mesh as a grid; without `polyhedra`, refuse solids that VTK does not list by vertices."""
+    """Return the grid of a mesh; without `polyhedra`, refuse solids that are not among SHAPES."""
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
@@ -148,7 +148,7 @@ def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
 
 
 def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """List the kinds of cells, and offsets and vertices in VTK's order: around the bottom, then around the top."""
+    """Return kinds, offsets and vertices of cells; vertices run around the bottom of a cell, then around the top."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]
@@ -217,7 +217,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
-    """Return a grid for each body, with its lines, faces and sets; `source` says in errors what makes a body."""
+    """Return the grids of bodies by name; `source` describes the origin of bodies in error messages."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -309,7 +309,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
         faces = FACES[kind]
         offsets = offsets_of(np.tile([len(face) for face in faces], len(corners)))
         vertices = corners[:, np.concatenate(faces)].ravel()
-        # nodes of a solid may be listed in either orientation; the checks of the mesh report nodes that do not exist
+        # Files list the nodes of a solid in either orientation. The checks of the mesh report nodes that do not exist.
         x = np.asarray(grid.points, dtype=float).take(corners[:, (0, *EDGES[kind])], axis=0, mode="clip")
         backwards = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
         vertices = reverse_rows(offsets, vertices, np.repeat(backwards, len(faces)))

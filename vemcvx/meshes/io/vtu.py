@@ -39,7 +39,7 @@ DAMAGED = "its lists of {} are damaged: offsets do not increase, or exceed the l
 
 
 def read_vtu(data: bytes) -> Grid:
-    """Read the grid of a VTU file; raise MeshError, or an error of XML or numpy, if it is damaged."""
+    """Read the grid of a VTU file; if it is damaged, errors of XML and NumPy are raised, too."""
     head, _, appended = data.partition(b"<AppendedData")
     root = ElementTree.fromstring(head + b"</VTKFile>" if appended else head)
     pieces = root.findall("UnstructuredGrid/Piece")
@@ -77,7 +77,6 @@ def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
 
 
 def _values(array: ElementTree.Element, root: ElementTree.Element, appended: bytes) -> NDArray[Any]:
-    """Return the values of an array, stored as text, as bytes inside the element, or as appended bytes."""
     dtype = np.dtype(array.get("type", "").lower())
     if array.get("format") == "ascii":
         values = np.array((array.text or "").split(), dtype=dtype)
@@ -100,7 +99,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
 
 
 def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Unpack the bytes of an array; a header before them has their length, or the sizes of compressed blocks."""
+    """Unpack an array; `data` begin with the number of bytes or, with a compressor, the sizes of blocks."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])
@@ -120,7 +119,7 @@ def _offsets(ends: Ints, room: int, what: str) -> Ints:
 
 
 def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
-    """Return the faces of polyhedra, stored as rows (since VTK 9.4) or as a stream with an end offset per cell."""
+    """Return the faces of polyhedra; VTK 9.4 and later store rows of nodes, earlier versions one stream of numbers."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
@@ -141,7 +140,7 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
 
 
 def pack_cells(mesh: Any) -> ElementTree.Element:
-    """Pack the points and cells of a mesh, without boundaries and data, for several files of fields on this mesh."""
+    """Pack the points and cells of a mesh; the result serves several files with different data."""
     return _pack_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 
 
@@ -161,7 +160,7 @@ def _pack_grid(grid: Grid) -> ElementTree.Element:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # VTK's stream: for each cell the number of faces; then for each of its faces the number of nodes, and the nodes
+        # VTK's stream has for each cell the number of faces, then for each face the number of nodes and the nodes.
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]
@@ -184,7 +183,6 @@ def _write(path: Path, packed: ElementTree.Element, point_data: Arrays, cell_dat
 
 
 def _section(tag: str, arrays: Arrays) -> ElementTree.Element:
-    """Return an element with arrays; each is one compressed block, after the header of block sizes that VTK expects."""
     section = ElementTree.Element(tag)
     for name, values in arrays.items():
         if values.ndim == 2 and values.shape[1] == 2:
@@ -195,6 +193,7 @@ def _section(tag: str, arrays: Arrays) -> ElementTree.Element:
             array.set("NumberOfComponents", str(math.prod(values.shape[1:])))
         data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("=")).tobytes()
         packed = zlib.compress(data, 1) if data else b""
+        # number of blocks, size of a block, size of the last block, compressed size
         header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
         array.text = (base64.b64encode(header.tobytes()) + base64.b64encode(packed)).decode()
     return section

@@ -1,8 +1,8 @@
-"""Files of this package in a folder that may also contain foreign files, for one process at a time.
+"""Files of this package in a folder that may also contain foreign files.
 
 The file ``.vemcvx`` lists the files that we created in the folder, one name per line. A name is listed before its file
-is created. No other file is ever written to or deleted, and no link is followed. The process that uses the folder locks
-the list; the operating system releases the lock when this process ends.
+is created. No other file is ever written to or deleted, and no link is followed. A process locks the list while it uses
+the folder.
 """
 
 from __future__ import annotations
@@ -24,11 +24,7 @@ FIRST_LINE = "vemcvx files 1"
 
 
 class Owned:
-    """The files of this package in a folder, which is created if necessary; call `close`, or use a ``with`` statement.
-
-    Raise HistoryError if the folder cannot be created or written to, if another process uses it, or if another program
-    or version made the list.
-    """
+    """The files of this package in a folder, which is created if needed; call `close`, or use a ``with`` statement."""
 
     def __init__(self, path: Path):
         self.path = path

@@ -1,8 +1,9 @@
 """The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
 
-Contact exerts opposite forces on the edges of the two bodies at an interface. If the normal jump is prescribed, the
-normal force T is no multiplier of the run. We use the T that fits the normal stresses s_1 and s_2 of both sides best,
-with the weights w = d_e / (2 mu) of the residuals (d_e is the width of a cell across the edge):
+At an interface, contact exerts the same normal force T on two opposite edges, along the outward normal of each body. If
+supports prescribe the normal jump of displacements, no multiplier of the run gives T. In body i, let s_i be the normal
+force of the stress on the edge, mu_i the shear modulus, d_i the width of the cell across the edge, and
+w_i = d_i / (2 mu_i). We use the T with the least weighted error:
 
     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
 """
@@ -28,23 +29,19 @@ from vemcvx.vem.tensors import elastic_matrix
 class Joints:
     """The pairs of boundary edges (in space: faces) at interfaces."""
 
-    across: Ints
-    """(b, 2) for an edge of a first body, the two opposite nodes of the second body; else -1; empty in space"""
-    first: Ints
-    """(k,) boundary edges, or faces, of first bodies"""
-    second: Ints
-    """(k,) boundary edges, or faces, of second bodies at the same places"""
-    bonded: Bools
-    """(k,) True where supports prescribe the normal jump"""
+    across: Ints  # (b, 2) opposite nodes of the ends of edges of first bodies; -1 for other edges; no rows in space
+    first: Ints  # (k,) boundary edges, or faces, of first bodies
+    second: Ints  # (k,) the edges, or faces, of second bodies opposite to `first`
+    bonded: Bools  # (k,) True where supports prescribe the normal jump
 
     def reaction(self, force: Floats) -> Floats:
-        """Return the reaction on second bodies of contact forces (b, dim) on first bodies."""
+        """Return the forces (b, dim) on second bodies, which are opposite to `force` (b, dim) on first bodies."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back
 
     def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
-        """Return the normal forces (b, dim) of bilateral contact, given forces (b, dim) of stresses on all edges."""
+        """Return the forces T of bonded edges as vectors (b, dim); `traction` (b, dim) has the forces of stresses."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
         size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)
@@ -75,22 +72,14 @@ class Skeleton:
     """The edges of a mesh, inside and on the boundary."""
 
     mesh: PolygonMesh
-    sides: Ints
-    """(c, 2) edges of all cells, counter-clockwise"""
-    owner: Ints
-    """(c,) cell of each edge"""
-    shear: Floats
-    """(n_cells,) mu, half the harmonic mean of the two Kelvin moduli of deviatoric strains"""
-    outer: Ints
-    """(b,) cell of each boundary edge"""
-    outer_corners: Ints
-    """(b,) corner of this cell at which the edge begins"""
-    outer_edges: Ints
-    """(b, 2) nodes of the edge, counter-clockwise"""
-    outer_normals: Floats
-    """(b, 2) outward normals, with the length of the edge"""
-    free: Floats
-    """(b, 2, 2) projectors on the directions that supports leave free at one end or at both ends"""
+    sides: Ints  # (c, 2) edges of all cells, counter-clockwise
+    owner: Ints  # (c,) cell of each edge
+    shear: Floats  # (n_cells,) half of `mean_shear`: the shear modulus of an isotropic material
+    outer: Ints  # (b,) cell of each boundary edge
+    outer_corners: Ints  # (b,) number of the corner, among the corners of all cells, where each boundary edge begins
+    outer_edges: Ints  # (b, 2) nodes of each boundary edge, counter-clockwise
+    outer_normals: Floats  # (b, 2) outward normals of boundary edges, as long as the edges
+    free: Floats  # (b, 2, 2) projectors that remove the directions in which supports hold both ends of the edge
     joints: Joints
 
     @cached_property
@@ -114,16 +103,17 @@ class Skeleton:
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """Return u (n_nodes, 2) at both ends of boundary edges, minus u of the second body at interfaces, (b, 2, 2)."""
+        """Return u at both ends of boundary edges, (b, 2, 2). At interfaces, subtract u of the second body."""
         across = self.joints.across
         return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:
-    """Return h_K (for a box, its longest side): h_K^2 is the largest eigenvalue of 12 / |K| int (x - c)(x - c)' dx.
+    """Return the size h_K of each cell K, which for a box is its longest side.
 
-    `arms` (k, dim, dim) are vectors from the centroids c of cells `owner` (k,) to the corners of simplices of the cell.
-    Over a simplex T of c and c + a_i, int x x' = |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)).
+    h_K^2 is the largest eigenvalue of 12 / |K| int (x - c)(x - c)' dx over K, with the centroid c of K. Cells consist
+    of simplices: simplex j belongs to cell `owner[j]`, and has the corners c and c + a_i, where a_i are the rows of
+    `arms[j]`. Its integral is |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)), with its volume |T|.
     """
     dim, count = arms.shape[2], int(owner.max()) + 1
     volumes = np.linalg.det(arms)
@@ -160,16 +150,11 @@ class Instant:
     """The state at an instant."""
 
     t: float
-    u: Floats
-    """(n_nodes, 2)"""
-    lam: Floats
-    """(m, block) multipliers of norm terms"""
-    p: Floats
-    """(r,) multipliers of limits"""
-    weights: Floats
-    """(m,) bounds of norm terms"""
-    worn: Floats
-    """(m,) work of norm terms since the initial instant"""
+    u: Floats  # (n_nodes, 2)
+    lam: Floats  # (m, block) multipliers of norm terms
+    p: Floats  # (r,) multipliers of limits
+    weights: Floats  # (m,) weights of norm terms
+    worn: Floats  # (m,) work of norm terms since the initial instant
 
 
 def instant(history: History, row: int) -> Instant:
@@ -195,7 +180,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows."""
-    # Where supports hold one end of an edge of an interface, this end has no row, and gets the value at the other end.
+    # At interfaces, an end that supports hold has no row; it gets the value at the other end of its edge.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def execute_file(path: Path, kind: str) -> ModuleType:
-    """Execute a file and return its module; raise ProblemError for a failure. `kind` names the file in messages."""
+    """Execute a Python file and return its module; `kind` names the file in messages."""
     if not os.path.isfile(path):
         raise ProblemError(f"{path}: there is no such {kind}.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -83,7 +83,7 @@ def split_values(text: str) -> list[str]:
 
 
 SPACE_N = 8  # Default number of cells across the shortest side in space.
-# For each function of a problem file: its signature, the type of its result, and words that describe the result.
+# The functions of a problem file: PARTS has their signatures, KINDS and RETURNS have the types of their results.
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
 RETURNS = {
@@ -109,7 +109,7 @@ class Posed:
         return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
 
     def adapt(self, instants: Floats, target: float, **options: Any) -> Adapted:
-        """Return an adaptive run that begins with this mesh; its instants are the initial instant and `instants`."""
+        """Return an adaptive run from the initial instant through `instants`, which begins with this mesh."""
         from vemcvx.estimate.adapt import adapt
 
         wanted = np.append(self.times[0], instants)
@@ -139,7 +139,7 @@ class Problem:
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Return (parameter, value in words) for the scene; settings "name=value" replace default values."""
+        """Return the scene's parameters and their values in words; settings "name=value" replace default values."""
         values = self._values(settings).items()
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in values]
 
@@ -178,10 +178,10 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return the mesh of a family, of a mesh file (a name with a suffix), or of the problem's own family (None)."""
+        """Return the mesh of a family, or of a mesh file; None means the problem's own family."""
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
-            # The scene of several bodies names parts of bodies ("plate.rim") or interfaces ("plate|pin").
+            # Names such as "plate.rim" and "plate|pin" in a scene tell that the file contains several bodies.
             names = [where(getattr(effect, "on", "")) for scene in scenes for effect in scene.effects]
             return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):
@@ -208,7 +208,7 @@ class Problem:
         return not isinstance(self.mesh(SPACE_N, family), PolygonMesh)
 
     def default_n(self, in_plane: int, family: str | None = None) -> int:
-        """Return the default number of cells across the shortest side: `in_plane`, but at most SPACE_N in space."""
+        """Return a default number of cells across the shortest side: `in_plane`; in space SPACE_N, if this is less."""
         plane = in_plane <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return in_plane if plane else SPACE_N
 
@@ -236,7 +236,6 @@ class Problem:
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 
     def _parse_settings(self, settings: Sequence[str], part: str = "") -> dict[str, Any]:
-        """Return name -> value from settings "name=value"; raise ProblemError for an invalid or repeated setting."""
         known, given = self._signature(part), dict[str, Any]()
         any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values())
         for setting in settings:
@@ -260,7 +259,6 @@ class Problem:
             )
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
-        """Return the result of a function of the file; raise ProblemError for a result of a wrong type."""
         self.require(part)
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         wanted = f". The function {part} of the problem file must return {RETURNS[part]}."

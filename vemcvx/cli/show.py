@@ -50,7 +50,7 @@ def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, n
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
-    """Return rows (name, words) for a scene; friction whose bound is zero at all these instants is left out."""
+    """Return rows (name, words) for a scene on a mesh; `name` is the name of the mesh."""
     posed = pose_scene(scene, mesh, times.tolist())
     condensed, n = Condensation(posed.system), posed.system.n
     operators, m = condensed.operators, len(condensed.retained)

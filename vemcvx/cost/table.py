@@ -40,16 +40,16 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return the rows as CSV, with two more columns that mark the Pareto fronts of seconds and of unknowns."""
+    """Return the rows as CSV, with one more column for each cost in AXES: 1 on the Pareto front, else 0."""
     fronts = {f"front_{cost}": front(answers(rows), cost) for cost in AXES}
     return csv([row | {name: int(row in best) for name, best in fronts.items()} for row in rows])
 
 
 def front(rows: Sequence[Row], cost: str) -> list[Row]:
-    """Return the Pareto front by increasing cost: each row is more accurate than all rows that cost no more."""
+    """Return the rows that are more accurate than all rows of the same or a lower cost, by increasing cost."""
     best, kept = float("inf"), []
     for row in sorted(rows, key=lambda row: (row[cost], row["error"])):
-        # Errors that differ by less than 1 % count as equal: on the same mesh, solvers differ in the last digits.
+        # Errors that differ by less than 1 % count as equal.
         if row["error"] < 0.99 * best:
             best = row["error"]
             kept.append(row)
@@ -57,7 +57,7 @@ def front(rows: Sequence[Row], cost: str) -> list[Row]:
 
 
 def growing_extremes(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence for each extreme value that keeps growing over the finest meshes of a family."""
+    """Yield a sentence for each quantity in EXTREMES that keeps growing on the finest meshes of a family."""
     uniform = [row for row in answers(rows) if row["target"] is None]
     for (key, words), family in product(EXTREMES.items(), dict.fromkeys(row["family"] for row in uniform)):
         own = {row["n"]: row.get(key) or 0.0 for row in uniform if row["family"] == family}
@@ -82,7 +82,7 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str) -> Figure:
-    """Draw true errors over costs, lines at `levels`, and a band below `resolved`, the error of the reference."""
+    """Draw true errors over costs. Lines mark `levels`; a band marks errors below `resolved`."""
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     if not found:
         raise VemcvxError("no run has an answer")
@@ -104,7 +104,6 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
 
 
 def _draw_rows(ax: Axes, rows: Sequence[Row], cost: str) -> None:
-    """Draw errors over costs: the Pareto front, and a marker for each family, solver and kind of mesh."""
     best = front(rows, cost)
     ax.plot([row[cost] for row in best], [100 * row["error"] for row in best], "0.25", label="Pareto front")
     kinds: dict[str, list[Row]] = {}

@@ -78,20 +78,18 @@ class Tabulated:
         return f"Tabulated({len(self.times)} instants from {self.times[0]:.6g} to {self.times[-1]:.6g})"
 
 
-# Every value of a scene is checked here once, before it enters a matrix: a wrong shape, a NaN or a wrong signature
-# raises a SceneError.
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
-"""A number, or f(x); for materials also one value per cell, or the name of a cell datum (str is ArrayLike)."""
+"""A number, or f(x); in materials also an array with one value per cell, or the name of a cell datum."""
 
 
 def holds(sign: str = "", rule: str = "it must be {sign}") -> dict[str, Any]:
-    """Return the metadata of a field that holds numbers of an effect; `sign` is "> 0", ">= 0", or "" for any value."""
+    """Return the metadata of a field whose numbers must be `sign`: "> 0", ">= 0", or "" for no condition."""
     return {"sign": sign, "rule": rule.format(sign=sign)}
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
-    """Raise SceneError if a value is not lawful; name the smallest such value."""
+    """Raise SceneError for the smallest value that is not lawful."""
     if not lawful.all():
         row = int(np.argmin(np.where(lawful, np.inf, values)))
         raise SceneError(f"{found} = {values[row]:.6g} {at.place(row)}; {rule}.")
@@ -99,13 +97,13 @@ def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: s
 
 @dataclass(frozen=True, eq=False)
 class At:
-    """Points x (m, dim) and the time t at which data are evaluated; t is None for data that are constant in time."""
+    """Points x (m, dim) and a time t, at which data are evaluated; t is None if data do not depend on time."""
 
     x: Floats
     t: float | None = None
 
     def read(self, value: Any, subject: str, shape: str = "number") -> Floats:
-        """Return a number, a vector or a symmetric tensor for each point; `shape` decides which."""
+        """Return a value for each point; `shape` is "number", "vector" or "tensor"."""
         m, dim = self.x.shape
         names = component_names(dim)
         count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
@@ -115,7 +113,6 @@ class At:
         return _check_values(_call(value, (self.x, self.t), subject), (m, *row), subject, wanted, self.place)
 
     def place(self, row: int) -> str:
-        """Return the place of a row in words."""
         return f"at {self.x[row]}" + ("" if self.t is None else f" and t = {self.t:.6g}")
 
 
@@ -150,7 +147,7 @@ def read_finite(raw: object, m: int, subject: str) -> Floats:
 
 
 def read_weights(raw: object, m: int, subject: str) -> Floats:
-    """Return the weights of friction (m,) of m rows of a part; infinite where the row always sticks."""
+    """Return the weights (m,) of rows of friction; a weight is infinite if the row always sticks."""
     found = read_numbers(raw, m, subject)
     finite(np.where(found == np.inf, 0.0, found), subject)
     return found
@@ -163,12 +160,12 @@ def varies(*values: object) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points x (k, dim) in `cells` (k,), at which material constants are evaluated; by default all centroids."""
+    """Points x (k, dim) at which material constants are evaluated, and their cells (k,); by default all centroids."""
 
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # True in the material; elsewhere, constants become 1 if they have a sign rule, else 0
+    inside: Bools | None = None  # mask of the cells of the material; `Effect._read` ignores constants in other cells
 
     def read(self, value: Constant, subject: str) -> Floats:
         """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""
@@ -186,7 +183,6 @@ class InCells:
         return found if callable(value) or self.cells is None else found[self.cells]
 
     def place(self, row: int) -> str:
-        """Return the place of a row in words."""
         return f"in cell {row}"
 
 
@@ -201,7 +197,7 @@ def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
 
 def _check_values(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
     array = as_real_array(raw, subject, wanted)
-    # One value, a scalar or a vector, is broadcast to all points. Nothing else is broadcast.
+    # The only other shape is the shape of one value, which is then the same at all points.
     if array.shape not in (shape, shape[1:]):
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
     whole = array if array.shape == shape else np.array(np.broadcast_to(array, shape))

@@ -1,7 +1,7 @@
 """The base class of effects, and the contributions of effects to the assembled problem.
 
-Displacements are vectors u of n_nodes * dim nodal values; component a of node i has the position i * dim + a. The kinds
-of contributions are fixed; users may define further effects, which return contributions of these kinds.
+A displacement is a vector u of n_nodes * dim numbers: u[i * dim + j] is component j at node i. Users may define effects
+with contributions of the kinds in this module.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ class Load:
     points: Floats
     matrix: sp.csr_matrix
     value: data.Datum
-    cells: Ints | None = None  # (q,) the cell of each point, for loads inside the body
-    edges: Ints | None = None  # (q, 2) the edge of each point, for loads on the boundary
-    times: tuple[float, ...] = ()  # the instants of the run, if they are known
-    between: bool = False  # True if the load consists of opposite forces of two bodies on each other
+    cells: Ints | None = None  # (q,) the cells of the points, if the load acts inside the body
+    edges: Ints | None = None  # (q, 2) the edges of the points, if the load acts on the boundary
+    times: tuple[float, ...] = ()  # the instants of the run; empty if unknown
+    between: bool = False  # True if two bodies exert the load on each other
 
     @property
     def is_scalar(self) -> bool:
@@ -79,14 +79,14 @@ class Load:
 
     @cached_property
     def values(self) -> Callable[[float], Floats]:
-        """The function t -> values of the datum at all points, the factor of `matrix`."""
+        """The function t -> values (q * dim,), or (q,), of the datum at all points."""
         return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
     def borne(self) -> Floats:
-        """The total force (q, dim) due to each point if the datum is the vector (1, ..., 1), or the scalar 1."""
+        """The force (q, dim) that each point adds to the load if all components of the datum are 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
-        # Basis functions sum to one: the rows of all nodes for one axis add up to the total force along this axis.
+        # Basis functions sum to 1, so nodal forces along an axis add up to the total force along this axis.
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
         return total if self.is_scalar else total.reshape(-1, dim, dim).sum(axis=1)
 
@@ -102,7 +102,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed components of displacements: directions . u(node) = value(t) + patterns @ c, with unknown c (k,).
+    """Prescribed components of displacements: directions . u(node) = value(t).
 
     Attributes
     ----------
@@ -131,20 +131,19 @@ class Support:
     points: Floats
     value: Callable[[float], Floats] | None = None
     contact: bool = False  # True for bilateral contact: other supports in the same direction take precedence
-    partners: Ints | None = None  # (m,) nodes of other bodies, or -1: then u(node) - u(partner) is prescribed
-    patterns: Floats | None = None  # (m, k) linearly independent columns, one for each unknown amplitude in c
+    partners: Ints | None = None  # (m,) opposite nodes, if u(node) - u(partner) is prescribed; else -1
+    patterns: Floats | None = None  # (m, k) independent columns: patterns @ c is added to value(t), with unknown c (k,)
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The displacement of the counter-surface at points (q, dim); only its part along the boundary counts."""
+    """The displacement of the counter-surface at points (q, dim); normal components have no effect."""
 
     subject: str
     points: Floats
     value: data.Datum
 
     def __post_init__(self) -> None:
-        """Raise SceneError if `value` is constant."""
         if not callable(self.value):
             self.vector(0.0)
             raise SceneError(
@@ -164,29 +163,29 @@ class ContactSurface:
     subject: str  # the name of the effect in messages
     nodes: Ints  # (m,)
     normals: Floats  # (m, dim) outward unit normals
-    lengths: Floats  # (m,) integrals of the nodal basis functions over the edges (in space faces) with that normal
-    ends: EdgeEnds | None = field(default=None, kw_only=True)  # the edges of each row; None: they belong to it alone
-    partners: Ints | None = field(default=None, kw_only=True)  # (m,) nodes of other bodies, or -1: rows of the jump
+    lengths: Floats  # (m,) integrals of basis functions over the edges, in space faces, with this normal
+    ends: EdgeEnds | None = field(default=None, kw_only=True)  # the edges at each row; None if unknown
+    partners: Ints | None = field(default=None, kw_only=True)  # (m,) opposite nodes at interfaces, else -1
 
     @classmethod
     def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
-        """Return the surface, friction or obstacle on the rows of a part of the boundary; `more` are further fields."""
+        """Return an instance with the rows of a part of the boundary; `more` has further fields."""
         own = subject, rows.nodes, rows.normals, rows.lengths
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row; v is u minus the displacement of the ground.
+    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row.
 
-    `Friction.from_rows(rows, subject, weights=...)` makes it from the rows of a part of the boundary.
+    Here v is u minus the displacement of the ground, and v_prev is v at the instant before.
 
     Attributes
     ----------
     weights : callable t -> (m,)
-        Integrals of the friction bound times the nodal basis functions, force; infinite where the node always sticks.
+        The largest friction forces, such as bound * lengths; infinite at nodes that always stick.
     in_the_air : bool
-        True if a warning is issued where one-sided contact is open and friction acts.
+        True if a warning is issued where friction acts although one-sided contact is open.
     ground : Ground, optional
         The displacement of the obstacle, if it moves.
     law : Law, optional
@@ -210,7 +209,6 @@ class Friction(ContactSurface):
     bond: bool = False  # True for a term that locks the amplitude of a support; it is not reported as contact
 
     def __post_init__(self) -> None:
-        """Raise SceneError unless `directions` has one unit vector per row."""
         given, shape = self.directions, self.normals.shape
         if given is not None and (np.shape(given) != shape or np.abs(np.linalg.norm(given, axis=1) - 1).max() > SAME):
             raise SceneError(
@@ -225,20 +223,20 @@ class Friction(ContactSurface):
 
     @property
     def across(self) -> Floats:
-        """The normals (m, dim), or `directions` if given, in the plane rotated by -90 degrees."""
+        """The normals (m, dim); `directions` replace them, in the plane after a rotation by -90 degrees."""
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     @property
     def tangents(self) -> Floats:
-        """The vectors (m, dim - 1, dim) that multiply slip; in space, `directions` make the second vector 0."""
+        """The vectors (m, dim - 1, dim) along which slip is measured; with `directions` in space, the second is 0."""
         if self.directions is None or self.in_plane:
             return tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Return the weights (m,) for normal forces p (m,), slips `past` (m,) before the step and `slip` (m,) in it."""
+        """Return the weights for normal forces p, slips `past` before the step, and `slip` in the step; all (m,)."""
         w = data.read_weights(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if self.law is None:
             return w
@@ -251,7 +249,6 @@ class Friction(ContactSurface):
         return self._evaluate("slope", self.law.slope, t, (p, past))
 
     def _evaluate(self, name: str, function: Callable[..., object], t: float, arguments: Sequence[Floats]) -> Floats:
-        """Return the values (m,) of a function of the law; arguments that the law does not use are empty arrays."""
         law, none, (p, *slips) = self.law, np.zeros(0), arguments
         assert law is not None
         given = (t, p if law.pressed else none, *(slip if law.slips else none for slip in slips))
@@ -270,7 +267,7 @@ class Friction(ContactSurface):
 
 @dataclass(frozen=True)
 class Obstacle(ContactSurface):
-    """Limits n . u(node_i) <= gap_i(t), one per row; squared penalties where the obstacle is compliant.
+    """Limits n . u(node_i) <= gap_i(t), one per row; compliant obstacles penalise the excess instead.
 
     Attributes
     ----------
@@ -299,17 +296,17 @@ class Material:
     """Hooke's law on the cells of a material; zero on all other cells."""
 
     subject: str  # the name of the effect in messages
-    # (2, n_cells) Lame's lam (reduced in plane stress) and mu; or (., n_cells) the upper triangle of the elastic
-    # matrix, row by row: 6 numbers, in space 21, in bodies of revolution 10.
+    # (2, n_cells) Lame's lam (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row:
+    # (6, n_cells), in space (21, n_cells), in bodies of revolution (10, n_cells).
     moduli: Floats
-    thermal_stress_moduli: Floats  # (n_cells, components) b: a blocked eigenstrain s in all directions causes -b s
+    thermal_stress_moduli: Floats  # (n_cells, components) b, if a blocked isotropic strain s causes the stress -b s
     plane: str  # "strain", "stress" or "axisymmetric", the same for all materials of a body; "strain" in space
     cells: Bools | None = None  # (n_cells,) the cells of the material; None means all
-    # (n_cells, 4) the stress zz for unit strains e_xx, e_yy, 2 e_xy, and minus the stress zz for a blocked eigenstrain;
-    # zero in plane stress; None in space, in bodies of revolution, and if the law does not define zz.
+    # (n_cells, 4) a row r for each cell: the stress zz is r . (e_xx, e_yy, 2 e_xy, -s) with the eigenstrain s. Zero in
+    # plane stress; None in space, in bodies of revolution, and if the law does not define zz.
     out_of_plane: Floats | None = None
     stabilisation: Stabilisation | None = None  # S_K; None means "shear"
-    # The moduli (as an upper triangle) and thermal stress moduli at points x of cells; None if constant in every cell.
+    # (x, cells) -> moduli (the upper triangle) and thermal stress moduli at points x; None if constant in every cell.
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
 
     def elastic(self, dim: int) -> Floats:
@@ -340,7 +337,7 @@ class Eigenstrain:
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress at zero strain: xx, yy, xy, in space xx, yy, zz, xy, yz, xz; force per area, tension positive."""
+    """A stress at zero strain, force per area, tension positive; `component_names` gives the order of components."""
 
     subject: str
     value: Callable[[float], Floats]  # t -> (n_cells, components)
@@ -362,7 +359,7 @@ class Contribution:
     viscosity : (n_u, n_u) sparse matrix, optional
         Nodal forces per nodal velocity, for stress proportional to the strain rate.
     curves : tuple of str
-        Names of effects with conditions on the normals of a curved boundary.
+        Names of effects with conditions along the normals of a curved boundary.
 
     Examples
     --------
@@ -399,7 +396,6 @@ class Effect(ABC):
     """
 
     def __post_init__(self) -> None:
-        """Keep copies of arrays and lists."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value.copy()))
@@ -410,17 +406,15 @@ class Effect(ABC):
     def contribute(self, space: Space) -> Contribution:
         """Return the contribution of this effect on the mesh of `space`.
 
-        Equal calls give equal arrays. Data f(x, t) are stored as functions and evaluated at the instants of a run. For
-        contact, the method is called again with planes of symmetry, which change normals at the ends of curves.
+        Equal calls must give equal arrays. Data f(x, t) stay functions, which are evaluated at the instants of a run.
         """
 
     @property
     def _subject(self) -> str:
-        """The name of the effect in messages, with the name of its boundary."""
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: Any = None, label: str | None = None) -> Floats:
-        """Return the values of a field at points or cells; raise SceneError if `data.holds` does not allow them."""
+        """Return the values of a field at points or cells, checked by the rule of the field (`data.holds`)."""
         declared = {one.name: one.metadata for one in fields(self)}[name]  # type: ignore[arg-type]
         found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}")
         sign = declared["sign"]

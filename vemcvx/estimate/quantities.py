@@ -1,11 +1,11 @@
 """Friction work, work and wear, with estimates of their errors due to steps and mesh.
 
-Two more runs of the same scene estimate the errors of a value Q due to the step size k and the mesh size h:
+The scene is simulated twice more. The errors of a value Q due to the step size k and the mesh size h are estimated by
 
-    steps   3 |Q_k - Q_{k/2}|   on the same mesh, in half steps, with instants where data bend (:mod:`.finer_steps`),
-    mesh    2 |Q_h - Q_{h/2}|   at the same instants, on the mesh with all cells refined once.
+    steps   3 |Q_k - Q_{k/2}|   with a run on the same mesh, in half steps (see also :mod:`.finer_steps`),
+    mesh    2 |Q_h - Q_{h/2}|   with a run at the same instants, on the mesh with all cells refined once.
 
-For wear, the difference is the largest over the contact nodes that both runs have (docs/theory/error_estimates.md).
+For wear, we take the largest difference at a common contact node of two runs (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.stepping.course import sample_course
 def quantities(history: History) -> dict[str, Quantity]:
     """Estimate the errors of the friction work, the work and the largest wear of a run.
 
-    The scene is simulated twice more: in half steps, and on a mesh with all cells refined.
+    The scene is simulated twice more: in half steps, and with all cells refined.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def quantities(history: History) -> dict[str, Quantity]:
     Returns
     -------
     dict
-        Values with errors: "dissipated" and "work" since the initial instant, and "wear", the largest friction work per
-        length (in space per area) of a contact node; zero without friction.
+        The values "dissipated", "work" and "wear" with their errors. "wear" is the largest friction work at a contact
+        node, per length (in space: per area). All values count from the initial instant.
 
     Raises
     ------
@@ -84,14 +84,13 @@ def quantities(history: History) -> dict[str, Quantity]:
 
 
 def _final_values(history: History) -> dict[str, float]:
-    """Return friction work, work and the largest wear at the last instant."""
     run, wear = history.trajectory, history.contact.wear_second_order[-1]
     work, dissipated = float(run.work_second_order[-1]), float(run.dissipated_second_order[-1])
     return {"dissipated": dissipated, "work": work, "wear": float(wear.max(initial=0.0))}
 
 
 def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
-    """Return twice the differences of a run and a finer run; for wear, the largest over their common nodes."""
+    """Return twice the differences between the final values of two runs; for wear, the largest at a common node."""
     own, other = _final_values(history), _final_values(finer)
     apart = {name: 2.0 * abs(own[name] - other[name]) for name in ("dissipated", "work")} | {"wear": 0.0}
     coarse, fine = history.contact, finer.contact
@@ -103,7 +102,7 @@ def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
 
 
 def _wear_without_limit(history: History) -> str:
-    """Return a sentence if the largest wear is at a corner where friction may grow without limit, or ""."""
+    """Return a sentence if the largest wear is at a corner where friction may grow without limit, else ""."""
     contact, sides = history.contact, history.sides
     wear = contact.wear_second_order[-1:].max(axis=0, initial=0.0)
     if not wear.any() or sides is None or not history.trajectory.given_friction.any():
@@ -113,7 +112,6 @@ def _wear_without_limit(history: History) -> str:
 
 
 def _start(history: History) -> Floats:
-    """Return the nodal displacements (n_nodes, dim) at the initial instant."""
     if history.begins == "continued":
         raise HistoryError(
             "quantities: the run continues another run and includes its friction work and work, but the two further "

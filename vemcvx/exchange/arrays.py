@@ -1,17 +1,18 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
-A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with c_j > 0 is soft:
-the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds all arrays, and the answer of a solved program::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with compliance c_j > 0
+is soft: it is replaced by the term (D_j d - e_j)_+^2 / (2 c_j). An NPZ archive holds these arrays::
 
-    K               (n, n), dense; a sparse K is stored like B and D
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
-    g, w, b, e, c   vectors, c the compliances
-    N               (n, k), orthonormal motions with K N = 0: the kernel of K; k = 0 if K is positive definite
-    d, lam, p       the answer d, the multipliers lam of norm terms and p of limits
-    step, t         number and instant of the step
+    D_data, ...     compressed rows of D
+    K               (n, n), dense; or K_data, ... if K is sparse
+    g, w, b, e, c   vectors
+    N               (n, k), orthonormal basis of the kernel of K; k = 0 if K is positive definite
+    d, lam, p       of a solved program: the answer d, the multipliers lam of norm terms and p of limits
+    step, t         of a solved program: number and instant of the step
 
-A sequence holds the programs of successive steps with the same K, B, D, c and N. All other arrays (CHANGING) have one
-more axis, the first, which numbers the steps.
+A sequence is an archive of the programs of successive steps with the same K, B, D, c and N. The first axis of all other
+arrays numbers the steps.
 
 Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 """
@@ -69,20 +70,20 @@ def _vector(raw: Any, name: str) -> Floats:
 
 
 def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
-    """Return K, dense if more than half its entries are nonzero, and N with `count` motions of its kernel."""
+    """Return K and a basis N of its kernel, with `count` columns. K becomes dense if it is more than half full."""
     stiffness: Matrix = K.toarray() if K.nnz > 0.5 * K.shape[0] ** 2 else sp.csr_matrix(K)
     return {"K": stiffness, "N": np.linalg.eigh(K.toarray())[1][:, :count]} if count else {"K": stiffness}
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
-    """Return suffix -> contents of the archive."""
+    """Return {".npz": contents of the archive}."""
     made = io.BytesIO()
     np.savez(made, **_arrays(program))
     return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return suffix -> contents of an archive of successive programs, all of which have the same operators."""
+    """Return {".npz": contents of an archive} for successive programs with the same operators."""
     each, made = [_arrays(program) for program in programs], io.BytesIO()
     np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
@@ -99,12 +100,12 @@ def _arrays(program: StepProgram) -> dict[str, Any]:
 
 
 def from_npz(path: Path) -> StepProgram:
-    """Return the program, solved if the file has the answer; for a sequence, the program of its first step."""
+    """Return the first program of an archive, as a `SolvedProgram` if the archive has its answer."""
     return sequence_from_npz(path)[0]
 
 
 def sequence_from_npz(path: Path) -> list[StepProgram]:
-    """Return the programs of a sequence, or the single program of any other archive."""
+    """Return a list of the programs of an archive: all programs of a sequence, or one program."""
     kept = read_arrays(path)
     steps = [kept]
     if kept.get("g", np.zeros(0)).ndim == 2:
@@ -117,13 +118,12 @@ def sequence_from_npz(path: Path) -> list[StepProgram]:
 
 
 def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
-    """Return a matrix from its compressed rows. Refuse wrong indices, which make SciPy read outside its arrays."""
+    """Return a matrix from compressed rows; refuse wrong indices, with which SciPy would read outside its arrays."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
     return as_sparse_matrix(sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist())), name)
 
 
 def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram:
-    """Return the program with the stored answer, if there is one."""
     if "d" not in kept:
         return program
     shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
@@ -133,7 +133,7 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
-    """Return suffix -> contents of each file; "_B.mtx" is the suffix of the file of B."""
+    """Return the contents of each file by suffix: ".mtx" for K, "_B.mtx" for B, and so on."""
     made = {}
     for name, part in arrays_of(program).items():
         file = io.BytesIO()
@@ -157,7 +157,7 @@ def read_matrix(path: Path, name: str) -> Matrix:
         raise ProgramError(f"{name}: the file is cut short or is no text; its last line must be complete.")
     try:
         rows, columns, entries, _, field, symmetry = mminfo(io.BytesIO(data))
-        # A wrong size in the header must not allocate far more memory than the file takes; 2^20 empty rows are allowed.
+        # A wrong size in the header must not allocate far more memory than the file takes.
         large = max(rows, columns, entries) > max(2**20, len(data))
         if field == "complex" or large or (symmetry != "general" and rows != columns):
             raise ValueError(f"found {rows} rows, {columns} columns and {entries} {field} entries, {symmetry}")

@@ -1,4 +1,4 @@
-"""HDF5 files of the Frictional Contact Library (FCLIB): a solved step with Coulomb's law; symbols as in :mod:`.arrays`.
+"""HDF5 files of the Frictional Contact Library (FCLIB), each with one solved step with Coulomb's law.
 
 FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
 displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential components (T):
@@ -6,12 +6,13 @@ displacements u. At each contact, r and u have a normal component (N) first, the
     u = W r + q
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-A contact has a limit j and a norm term i. Its rows of h are h_N = -D_j and h_T = B_i. From K d = g - B'lam - D'p follow
+In our program (:mod:`.arrays`), a contact has a limit j and a norm term i. Let the matrix h have the rows h_N = -D_j
+and h_T = B_i for each contact. The balance K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
-W is stored by rows (nz = -2). The description in `info` states, as JSON, the certified error: |d - d*|_K <=
-energy_error, where d* solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
+W is stored by rows (nz = -2). The JSON text `description` in `info` has `energy_error`, a bound of |d - d*|_K. Here d*
+solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -m
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """Return suffix -> contents of the file; raise ProgramError unless the step has Coulomb's law."""
+    """Return {".hdf5": contents of the file}; raise ProgramError unless the step has Coulomb's law."""
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):
@@ -70,7 +71,7 @@ def from_fclib(_: Path) -> StepProgram:
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
-    """Return two arrays (r,): the index of the norm term, and the coefficient of friction, for each of r limits."""
+    """Return the index of the norm term, and the coefficient of friction, for each limit."""
     operators, slope = program.operators, program.slope
     words = "FCLIB's model is Coulomb's friction on rigid obstacles: "
     soft = (operators.compliance > 0).any()

@@ -32,7 +32,7 @@ def energy_ledger(history: Results, *, ax: Axes | None = None, units: Units | No
     ----------
     history, units : as for `friction_traction`
     ax : Axes, optional
-        Where to draw the energies only; by default energies and certificates are drawn on a new figure.
+        Axes for the energies, without certificates; by default, a new figure has both.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def _certificates(ax: Axes, history: Results) -> None:
 def hysteresis_loop(
     history: Results, on: str | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the force on a driven boundary against its mean motion, along the axis on which its path is longest.
+    """Draw the force on a driven boundary against the mean motion of this boundary, along the axis of its longest path.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def hysteresis_loop(
     Raises
     ------
     SceneError, HistoryError
-        `on` is no boundary; or `on` is None, but no support moves and no load changes.
+        There is no boundary of this name; or no name is given, and no support moves and no load changes.
 
     Examples
     --------
@@ -184,7 +184,6 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
 
 
 def _draw_stress(history: Results, units: Units | None = None) -> Figure:
-    """Draw the deformed body in the colours of von Mises' stress or, if it is unknown, of the largest shear stress."""
     return stressed_body(history, stress="shear" if history.out_of_plane is None else "von_mises", units=units)
 
 
@@ -218,12 +217,12 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _has_steps),
 }
-"""Name of a picture's file -> the function that draws it, and a function that is True if there is content for it."""
+"""For each picture, the function that draws it, and the condition for drawing it."""
 SUFFIXES = ".png", ".svg", ".pdf"
 
 
 def omissions(history: Results) -> list[str]:
-    """Return the names of the pictures in space that cannot be drawn, each with the reason."""
+    """Return the pictures of bodies in space that cannot be drawn, each with the reason."""
     if _is_plane(history):
         return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)
@@ -322,7 +321,7 @@ def animate(
     figure = canvas.new_figure(*size_of_page(history))
     writer = canvas.film_writer(kinds[path.suffix], rate)
     frames = _frames(history, figure, magnify=magnify, units=units)
-    # Errors occur in the first frame, before an existing file is replaced.
+    # The first frame is drawn before an existing file is replaced, because wrong arguments raise errors there.
     next(frames)
     try:
         with writer.saving(figure, path, 110):

@@ -1,8 +1,8 @@
 """The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
 
-Colour-blind readers can tell the colours apart (after Okabe and Ito); areas also differ in grey print. A label gives
-the unit of its quantity if the user has named units, else the name of the quantity. Magnifications, colour scales and
-frames are the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
+Colour-blind readers can tell the colours apart (after Okabe and Ito); areas also differ in grey print. If the user has
+named units, labels contain units; else they contain the names of quantities. Magnifications, colour scales and frames
+are the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
 """
 
 from __future__ import annotations
@@ -26,18 +26,16 @@ if TYPE_CHECKING:
 
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
-"""Colours of areas (light, middle, dark): stick, slip towards larger and slip towards smaller positions."""
+"""Colours of areas: stick (light), slip towards larger positions (middle), slip towards smaller positions (dark)."""
 SLIP_AREA, OPEN_AREA = "#E59866", "#F7F7F7"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, SECOND, THIRD = "#0072B2", "#D55E00", "#009E73"
-"""Colours of computed marks and of further curves."""
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
-MARKERS = "osD^vPX*"  # Colours of many curves, and their markers for grey print
-TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
+MARKERS = "osD^vPX*"  # tell the curves of SERIES apart in grey print
+TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"  # colour maps; SIZE is for fields without a sign
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
-"""Colour maps of tension (red), of compression (blue), of unsigned fields, and of fields of both signs. The last map
-gets darker from compression to tension, so that no stress looks like its opposite in grey print."""
+"""Colours from compression to tension, which get darker: in grey print, a stress does not look like its opposite."""
 EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves get darker with time.
 
 Units = Mapping[str, str]
@@ -50,7 +48,7 @@ DERIVED = {
     "energy per area": "{force} {length}/{length}²",
 }
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""In the plane, a force or energy per length of a contact boundary is also per thickness, and therefore per area."""
+"""For plane bodies, per length of the boundary means per length and thickness, which is per area."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -58,7 +56,7 @@ WORDS = {
     "energy/length": "energy per length",
     "energy/length²": "energy per area",
 }
-"""Unit in tables -> the quantity that has this unit."""
+"""The quantity of each unit in tables."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
@@ -68,7 +66,7 @@ def units_of(history: Results, units: Units | None) -> Units:
 
 
 def unit(units: Units | None, quantity: str) -> str:
-    """Return the name of the unit of a quantity: as given, derived from other units, or the quantity itself."""
+    """Return the given or derived unit of a quantity; without a unit, return the name of the quantity."""
     given = units or {}
     if quantity not in given and THICKNESS.get(quantity) in given:
         quantity = THICKNESS[quantity]
@@ -83,7 +81,7 @@ def amount(value: float, quantity: str, units: Units) -> str:
 
 
 def in_units(product: str, units: Units | None) -> str:
-    """Return the unit of a table, such as "force/length²", in the given names; unchanged without units."""
+    """Return a unit of tables, such as "force/length²", with the given names of units; unchanged without names."""
     return unit(units, WORDS.get(product, product)) if units else product
 
 
@@ -122,7 +120,7 @@ def label_axes(
 
 
 def window_of(raw: ArrayLike | None) -> Window | None:
-    """Return the visible part of the plane, None for the whole; raise HistoryError unless `raw` is two intervals."""
+    """Return the visible intervals of both axes; None means the whole plane."""
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
@@ -134,25 +132,25 @@ def window_of(raw: ArrayLike | None) -> Window | None:
 
 
 def within(points: Floats, window: Window | None) -> Bools:
-    """Return True (k,) for points (k, 2) inside a window."""
+    """Return a mask of the points (k, 2) inside a window."""
     low, high = np.transpose(window if window is not None else [[-np.inf, np.inf]] * 2)
     return np.all((points >= low) & (points <= high), axis=1)
 
 
 def is_idle(history: Results) -> Bools:
-    """Return True (S, m) where contact is open and friction is zero to rounding: the node neither sticks nor slips."""
+    """Return a mask (S, m) of nodes that neither stick nor slip: contact is open, without friction up to rounding."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)
     return np.asarray(~contact.closed & (friction <= ROUNDING * friction.max(initial=0.0)))
 
 
 def round_down(wanted: float, largest: float) -> float:
-    """Return the largest f = 1, 2 or 5 times a power of ten with f * largest <= wanted; 1 if `largest` is not > 0."""
+    """Return the greatest factor f with f * largest <= wanted among 1, 2 and 5 times the powers of ten."""
     if not largest > 0.0 or not np.isfinite(wanted / largest):
         return 1.0
     factor = wanted / largest
     power = 10.0 ** np.floor(np.log10(factor))
-    # Powers of ten are rounded: without the tolerance SAME, 5 could become 2.
+    # The factor is rounded; without the tolerance SAME, 5 could become 2.
     return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 
@@ -175,12 +173,12 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
-    # If the ends of an edge moved by more than half its length, cells would turn inside out.
+    # On most edges, magnified displacements of the two ends differ by at most half the length: cells keep their shape.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 
 
 def extent(history: Results, factor: float) -> Floats:
-    """Return the lowest and the highest corner (2, dim) of the body, undeformed and at all stored steps together."""
+    """Return the lowest and highest coordinates (2, dim) of the body, undeformed or at any stored step."""
     places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])

@@ -6,14 +6,12 @@
 - ``steps.csv``: energies and certificates of every step, stored or not
 - ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; for plane bodies also the
   number of the connected piece of contact, and the arc length s along this piece (:mod:`vemcvx.results.arc`)
-- ``history.npz``: the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
+- ``history.npz``: the arrays of the history and of its mesh, lossless, and other data as JSON in the array `about`;
+  :func:`vemcvx.read_history` needs no other file
 
-At nodes, a VTU file has the displacement and all contact arrays that change in time. At nodes without contact,
-`sticking` and `closed` are NaN, and all other contact arrays are zero. At an interface, both sides have values; slip
-and traction of the second body have the opposite sign. On cells, the file has the fields of `History.on_cells`.
-
-If writing fails, an older history remains unchanged. The archive holds the arrays of the history and of its mesh, and
-all other data as JSON in the array `about`.
+A VTU file has displacements and all contact arrays that change in time at nodes, and the fields of `History.on_cells`
+on cells. At nodes without contact, `sticking` and `closed` are NaN, and all other contact arrays are zero. At an
+interface, slip and traction of the second body have the opposite sign. If writing fails, an older history remains.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth", "units"
 """Attributes of a history that are not arrays and go into JSON unchanged."""
-WEIGHTS = "stabilisation.tau"  # The factors tau of the stabilisation S_K = tau h_K^(dim - 2) I.
+WEIGHTS = "stabilisation.tau"  # name of the array tau, where S_K = tau h_K^(dim - 2) I is the stabilisation
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 STEP = re.compile(r"step_[0-9]+\.vtu")
 
@@ -163,7 +161,7 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary for JSON: energies at the end, contact at the peak; `writing` is a time in seconds."""
+    """Return the summary of a history for JSON; writing the files took `writing` seconds."""
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
@@ -228,7 +226,7 @@ def peak_memory_mb() -> float | None:
 
 
 def write_results(history: Results, folder: str | Path, origin: Origin | None = None) -> Path:
-    """Write a history to a folder, in place of any older history, and return the folder, which is created if needed."""
+    """Write a history to a folder in place of an older history; create the folder if needed, and return it."""
     if not np.isfinite(history.displacement).all():
         raise HistoryError(
             "write: found NaN or infinite displacements; only finite fields are written. Run with check=True to see "
@@ -238,7 +236,7 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
     try:
         with tempfile.TemporaryDirectory(prefix=".vemcvx-", dir=folder) as temporary:
             made = Path(temporary)
-            # The energy of displacements beyond 1e154 overflows, and is written as infinite.
+            # If displacements exceed 1e154, energies overflow, and are written as infinite.
             with np.errstate(over="ignore", invalid="ignore"):
                 _write_series(history, made)
             write_archive(history, made / ARCHIVE)
@@ -252,7 +250,7 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
 
 
 def _move(made: Path, folder: Path) -> None:
-    """Replace the files of an older history by the new files. The archive comes first: histories are read from it."""
+    """Replace the files of an older history in `folder` by the files in `made`."""
     names, older = set(os.listdir(made)), _files_of_history(folder)
     check_replaceable(folder, names)
     order = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
@@ -298,14 +296,13 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the names of the files of the history in a folder; none without the archive of a history."""
+    """Return the names of the files of a history in a folder, which is a history only if it has an archive."""
     if not _is_archive(folder / ARCHIVE):
         return set()
     return {ARCHIVE, SERIES, SUMMARY, *FILES.values()} | {name for name in os.listdir(folder) if STEP.fullmatch(name)}
 
 
 def _is_archive(path: Path) -> bool:
-    """Return True if this file contains the archive of a history, of any version."""
     try:
         with zipfile.ZipFile(path) as file:
             return "about.npy" in file.namelist()

@@ -1,7 +1,7 @@
 """Stages as one history: the stored instants of all stages, one after the other.
 
 A later stage begins where the stage before it ended, so its initial instant is left out. An effect acts only in its own
-stage. Slip, wear and accumulated slip, which each stage counts from its initial instant, continue from stage to stage.
+stage. The arrays in COUNTED continue from stage to stage.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from vemcvx.base.arrays import SAME, array_fields
 from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
-COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"
-"""Arrays of contact that a run counts from its own initial instant."""
-PER_EFFECT = "acting", "loads"  # Names of the array dimensions whose entries belong to effects
+COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that begin anew in each run
+PER_EFFECT = "acting", "loads"  # dimensions of arrays with one entry per effect
 
 
 def join(stages: Sequence[Results]) -> Results:
@@ -58,7 +57,7 @@ def join(stages: Sequence[Results]) -> Results:
         out_of_plane=first.out_of_plane,
         seconds=seconds,
         inactive=tuple(f"stage {k}: {words}" for k, stage in enumerate(stages, 1) for words in stage.inactive),
-        # Corners are known if the supports of the boundary are the same in all stages.
+        # `sides` contains the supports of the boundary, which must be the same in all stages.
         sides=first.sides if held.count(held[0]) == len(held) else None,
         stabilisation=first.stabilisation,
         units=first.units,
@@ -91,10 +90,10 @@ def _difference(before: Results, after: Results) -> str:
 
 
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arrays of records (all, or `names`), joined in time without the initial rows of later stages.
+    """Return the arrays `names` (by default all) of all stages, one after the other, without later initial rows.
 
-    Columns of effects are placed side by side, with zeros outside the stage of the effect. If a stage does not have an
-    array, its rows are zero. Columns that only other stages have are filled with NaN, 0 or False.
+    In arrays per effect, each effect of each stage has its own column, which is zero in other stages. In other arrays,
+    a stage has zeros for a missing array, and NaN, 0 or False for a missing column.
     """
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():

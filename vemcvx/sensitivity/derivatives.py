@@ -1,26 +1,26 @@
 r"""Derivatives of a run with respect to parameters: the answer of each step is differentiated on its active sets.
 
-A run has the stiffness K, the damping C, loads f, rows A = [B; D] of friction and limits with forces x = (lam, p),
-friction bounds w, gaps e and compliances c of limits. In step n, of duration k, -b_n is the part of the slips
-that is due to moving ground and supports. The states y_n obey
+Let K be the stiffness, C the damping, f the loads, and A = [B; D] the rows of friction and limits, with the forces
+x = (lam, p). Friction has bounds w, and limits have gaps e and compliances c. Step n has the duration k. Motions of
+ground and supports add -b_n to the slips. The states y_n obey
 
-    K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n),
+    K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n).
 
-with off_n = 0 on sticking terms and acting limits, lam = w(p) s/|s| on terms that slip by s, and p = 0 on open limits.
+Sticking terms and acting limits have off_n = 0, terms that slip by s have lam = w(p) s/|s|, and open limits have p = 0.
 All data may depend on a parameter; d marks derivatives by the parameter. Derivatives of data are central differences at
-fixed states, without a factorisation. Let K_k = K + C / k and y_prev = y_{n-1}. On the active sets of the answer, let H
-have the directions of slip as columns, and let P, Q, z and compliance be those of Newton's method
-(:mod:`vemcvx.solvers.newton`). Then dy and dx = (dlam, dp) obey
+fixed states. Let K_k = K + C / k and y_prev = y_{n-1}. Let H have the directions of slip as columns. The matrices P and
+Q, the unknowns z and the diagonal matrix `compliance` are those of Newton's method (:mod:`vemcvx.solvers.newton`) on
+the active sets of the answer. Then dy and dx = (dlam, dp) obey
 
     K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy - (0; c dp) + off) = compliance z,
     push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,    off = d off_n - (B; 0) dy_prev.
 
-The *forward* sweep solves these equations for each parameter, step by step. The transposed equations are the same, with
-P and Q exchanged. The *adjoint* sweep solves them backwards in time, once for a weighted sum of quantities, whatever
-the number of parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
+The *forward* sweep solves these equations for each parameter, step by step. In the transposed equations P and Q are
+exchanged. The *adjoint* sweep solves the transposed equations backwards in time, once for a weighted sum of quantities
+and all parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
 
-Without dashpots, a step needs only the unknowns of contact: forces f are condensed to E'f, where the columns of E are
-the states (n, m) of unit displacements of these unknowns (:mod:`vemcvx.program.condensation`).
+Without dashpots, a step needs only the m unknowns of contact (:mod:`vemcvx.program.condensation`). Let column j of the
+matrix E be the state if unknown j is 1 and all others are 0. Then loads f are condensed to E'f.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ from vemcvx.stepping.state import Frame, PreparedRun
 log = logging.getLogger("vemcvx")
 
 RELATIVE_STEP = 3e-5
-"""Step of central differences of data, relative to the parameter; absolute for parameters that are zero."""
+"""Step of central differences, relative to the parameter; if the parameter is zero, the step itself."""
 
 Change = tuple[Any, Any, Any]
-"""The derivatives of push, off and w of one step by P parameters: matrices with P columns, dense or sparse."""
+"""The derivatives of push, off and w in one step: three matrices, dense or sparse, with one column per parameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class LinearStep:
     compliance: Floats
     H: sp.csr_matrix  # (rows, m) directions of slipping terms
     memory: Any  # C / k; 0 without dashpots
-    recalls: Floats  # (rows, 1) 1.0 for rows of increments (friction, dashpots), else 0.0
+    recalls: Floats  # (rows, 1): 1 for rows that contain y - y_prev (friction, dashpots), 0 for rows that contain y
 
     def forward(self, change: Change, before: Floats) -> tuple[Floats, Floats]:
         """Return dy (unknowns, P) and dx (rows, P) of this step; `before` is dy of the previous step."""
@@ -83,13 +83,13 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return dJ/dpush, dJ/doff, dJ/dw and dJ/dy_prev from dJ/dy and dJ/dx, for a sum J of quantities."""
+        """Return the derivatives of a sum J of quantities by push, off, w and y_prev from dJ/dy and dJ/dx."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
 
     def _solve(self, push: Floats, off: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix) -> tuple[Floats, Floats]:
-        """Return y and x = (lam, p) = Q z with K_k y + A'x = push and P (A y - (0; c p) + off) = compliance z."""
+        """Solve K_k y + A'x = push and P (A y - (0; c p) + off) = compliance z for y and x = (lam, p) = Q z."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         M = build_matrix(np.asarray(delassus.W), delassus.R, P, Qt, self.compliance)
         u, count = delassus.u[:, None], P.shape[0]
@@ -110,8 +110,8 @@ class Sensitivities:
         The quantities at all instants.
     history : History
     one_sided : (N + 1,) array of bool
-        True for steps whose active sets are about to change: within the certified error, a multiplier may reach its
-        bound, a slip may end or an open gap may close. From such a step on, derivatives hold on one side only.
+        True for steps in which, within the certified error, a multiplier may reach its bound, a slip may end or an open
+        gap may close. From such a step on, derivatives are one-sided.
 
     Examples
     --------
@@ -131,8 +131,7 @@ class Sensitivities:
     _steps: dict[int, LinearStep] = field(repr=False)
     _rows: Gradients = field(repr=False)
     _changes: Sequence[Change] = field(repr=False)
-    _explicit: Floats = field(repr=False)
-    """The explicit part (Q, N + 1, P) of the derivatives: at fixed unknowns of the steps."""
+    _explicit: Floats = field(repr=False)  # (Q, N + 1, P) derivatives of quantities at fixed unknowns of the steps
 
     @cached_property
     def jacobian(self) -> Floats:
@@ -169,7 +168,7 @@ class Sensitivities:
         return found
 
     def _sum_losses(self, rows: Floats) -> Floats:
-        """Return `rows` with increments of "dissipated" replaced by their sums over the steps so far."""
+        """Return `rows`, but cumulative sums of the rows of "dissipated", which hold increments."""
         names = zip(self.of, rows, strict=True)
         return np.array([np.cumsum(row, axis=0) if name == "dissipated" else row for name, row in names])
 
@@ -187,8 +186,7 @@ def sensitivities(
 ) -> Sensitivities:
     """Simulate a scene, and differentiate quantities of the run with respect to parameters of the scene.
 
-    The run is simulated once. Derivatives of the scene's data are central differences at the states of the run. The
-    answers of the steps are differentiated exactly, on their active sets.
+    Derivatives of data are central differences. The answers of steps are differentiated exactly, on their active sets.
 
     Parameters
     ----------
@@ -205,27 +203,27 @@ def sensitivities(
     initial : None, array or "settled"
         As for :func:`vemcvx.simulate`. A given state does not depend on the parameters.
     shapes : callable x (k, dim) -> (k, P), optional
-        Parameters of a field: the scene has friction bounds (or coefficients, with CoulombFriction) shapes(x) @ theta
-        at points x, and nothing else depends on theta. Derivatives are then analytic, also for thousands of parameters.
+        Shape functions: shapes(x) @ theta is the bound of TrescaFriction or the coefficient of CoulombFriction at
+        points x, and nothing else depends on theta. Derivatives are then analytic, also for thousands of parameters.
 
     Returns
     -------
     Sensitivities
-        `jacobian` (forward: for a few parameters) and `gradient` (adjoint: for many parameters and one sum of
-        quantities) are computed when they are used.
+        Use `jacobian` (forward sweeps) for few parameters, and `gradient` (adjoint sweep) for many parameters and one
+        sum of quantities. Both are computed when they are used.
 
     Raises
     ------
     SceneError
-        A quantity does not fit the scene, friction depends on slips, nothing holds the body, a
-        small change of `theta` changes the unknowns of the scene, or `scene_of` does not return a scene.
+        `scene_of` does not return a scene, or a quantity does not fit the scene. Friction depends on slips, nothing
+        holds the body, or a small change of `theta` changes the unknowns of the scene.
     NotCertified
         As for :func:`vemcvx.simulate`.
 
     Notes
     -----
-    Central differences have the step h = 3e-5 times the parameter. If data are singular at a distance d from it, as
-    the moduli are at Poisson's ratio 0.5, derivatives have a relative error of about (h / d)^2.
+    Central differences have the step h = 3e-5 times the parameter. If data are singular at a distance d from
+    the parameter, as moduli are at Poisson's ratio 0.5, derivatives have a relative error of about (h / d)^2.
 
     Examples
     --------
@@ -287,7 +285,6 @@ def read_parameters(raw: ArrayLike, subject: str) -> Floats:
 
 
 def _refuse(posed: PosedScene) -> None:
-    """Raise SceneError for scenes whose steps are not differentiated."""
     norms, terms = posed.system.norms, posed.terms
     drags = terms.dragged is not None and bool(terms.dragged[terms.acting :].any())
     law = None if norms is None else norms.law
@@ -301,7 +298,7 @@ def _refuse(posed: PosedScene) -> None:
 
 
 def _unit_states(run: PreparedRun) -> Any:
-    """Return E (n, m): column j is the state if unknown j of the steps is 1, and all others are 0."""
+    """Return the matrix E (n, m) of the head of this module."""
     condensation, n, m = run.condensation, run.system.n, len(run.condensation.retained)
     if condensation.whole:
         return sp.eye_array(n, format="csr")
@@ -318,7 +315,7 @@ def _differences(
     E: Any,
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
-    """Return central differences of the data of each step, and of quantities at fixed unknowns of the steps."""
+    """Return central differences: the changes of all steps, and `Sensitivities._explicit`."""
     columns, shapes = [], [M.shape for M in (own.system.K, own.system.B, own.system.D)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
@@ -342,7 +339,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, p: Floats, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the derivatives of data by theta: w is S theta times lengths (or normal forces), where S = shapes(x)."""
+    """Return the changes of all steps. With S = shapes(x), w is S @ theta times lengths, or times normal forces."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed
@@ -360,11 +357,10 @@ def _field_changes(
 
 
 def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
-    """Return the linearised steps by number, and a mask of the steps whose active sets are about to change.
+    """Return the linearised step of each step number, and the mask `Sensitivities.one_sided`.
 
-    A step may change its sets if, within the error of its certificate, a multiplier may reach its bound, a slip may end
-    or an open gap may close. In units in which W (:mod:`vemcvx.program.forces`) has a unit diagonal, an error E in the
-    energy norm causes errors of about E in slips and gaps, and of at most E (W^{-1})_jj^{1/2} in the force of row j.
+    Let W (:mod:`vemcvx.program.forces`) have a unit diagonal. An error E in the energy norm then causes errors of about
+    E in slips and gaps, and of at most E (W^{-1})_jj^{1/2} in the force of row j.
     """
     system, found = run.system, history.trajectory
     count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)

@@ -1,23 +1,22 @@
-r"""Semismooth Newton on active sets, in contact forces x = (lam, p), with the symbols of :mod:`vemcvx.program.forces`.
+r"""Semismooth Newton on active sets, for the contact forces x = (lam, p) of a step (docs/theory/semismooth_newton.md).
 
-The page docs/theory/semismooth_newton.md derives the method. On given sets, let x_law be w s/|s| on slipping terms,
-zero on open limits, and otherwise the old x. The new x is x_law + Q z. The unknowns z are changes of
+Symbols are as in :mod:`vemcvx.program.forces`. Let x_law be w s/|s| on terms with weight w that slip by s, zero on open
+limits, and the last x on sticking terms and acting limits. The next x is x_law + Q z. The unknowns z are changes of
 
-- forces of sticking terms and acting limits (forces p of limits also change friction along slips, by J = dw/dp),
+- forces of sticking terms and acting limits, where limits also change friction along slips, by J = dw/dp,
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Sticking and acting rows do not move, and slipping terms keep the slip s at which the law was linearised. With P, which
-is Q' without the terms in J, these conditions are
+Let P be Q' without J, and r the vector `off` at x_law, minus the slips s on slipping terms. Then z solves
 
-$$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P \, (\text{off} - s \text{ on slipping terms}). $$
+$$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P r. $$
 
-REGULARISATION is added to the diagonal, and N'A'x = N'g borders the system if K has a kernel N. If W is an operator
-(iterative linear solvers, very many rows), GMRES solves the system.
+If K has a kernel N, the system also has the equations N'A'x = N'g. If W is an operator (iterative linear solvers, very
+many rows), GMRES solves the system.
 
-If active sets recur, and in space after the first Newton step, accelerated projected gradients on the dual program
-continue; a kernel enters them by an augmented Lagrangian with multipliers `a`. For laws that are not monotone we first
-try four points between the last two points of Newton's method, and take the point of least error.
+If active sets recur, accelerated projected gradients on the dual program follow. In space they also follow the first
+Newton step. For laws that are not monotone, they follow every fourth recurrence only; after the others, we take the
+best of four points between the last two points of Newton's method.
 """
 
 from __future__ import annotations
@@ -40,24 +39,17 @@ from vemcvx.solvers.law import Weights, resolve_slips
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
-"""Factor of `off` in x + SHIFT * off, which predicts active sets; W has a unit diagonal. With the factor 1 sets cycle
-more often."""
+"""Factor in x + SHIFT * off, which predicts active sets. With the factor 1, sets cycle more often."""
 REGULARISATION = 1e-11
-"""Number added to a unit diagonal: dependent rows then share their force. Corrections remove the error."""
+"""Number added to the diagonal of the system, so that linearly dependent rows share a force."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Errors of the law, relative to the largest force: smaller errors end corrections, a step, or a stalled step."""
-MAX_CORRECTIONS = 20
-"""Largest number of corrections on one factorisation. With 2,000 unknowns, they take as long as factorising again."""
-FIRST_SWEEPS = 100
-"""Number of projected gradient steps in the first safeguard; it doubles each time, up to sixteenfold."""
-SWEEP_TOLERANCE = 1e-6
-"""Relative error of weights in projected gradients, if weights rise with slip."""
-SWEEPS_PER_WEIGHTS = 10
-"""Number of projected gradient steps before weights are evaluated again."""
-MAX_SAFEGUARDS = 10
-"""The search ends if a step takes more safeguards than this number."""
-SWEEPS_PER_MULTIPLIER = 20
-"""Number of projected gradient steps between updates of a kernel's multipliers `a`."""
+"""Errors of the law, relative to the largest force, at which corrections end, a step ends, and a stalled step ends."""
+MAX_CORRECTIONS = 20  # largest number of corrections with the same factors
+FIRST_SWEEPS = 100  # gradient steps in the first call of projected gradients; each call doubles them, up to sixteenfold
+SWEEP_TOLERANCE = 1e-6  # relative error of weights in projected gradients, if weights rise with slip
+SWEEPS_PER_WEIGHTS = 10  # gradient steps until weights are evaluated again
+MAX_SAFEGUARDS = 10  # largest number of calls of projected gradients in a step
+SWEEPS_PER_MULTIPLIER = 20  # gradient steps until the multipliers `a` of a kernel are updated
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +65,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets predicted by q = x + SHIFT * off; weights use slips s (m, block) or the point's slips."""
+        """Return the sets that q = x + SHIFT * off predicts; weights are for slips s, by default the point's slips."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size, p = lengths(q), delassus.split(point.x)[1]
@@ -103,18 +95,18 @@ class ActiveSets:
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the largest entry of x_law - x, of SHIFT * off on held rows, and of the imbalance `rest`."""
+        """Return the largest entry in x_law - x, in SHIFT * off on held rows, and in the imbalance `rest`."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
 class ActiveSetSystem:
-    """The linear system of some active sets: P (k, N), Q (N, k), and `solve`, which uses the factors of the matrix."""
+    """The linear system of some active sets, with the factors of its matrix in `solve`."""
 
     sets: ActiveSets
-    P: sp.csr_matrix
-    Q: sp.csc_matrix
+    P: sp.csr_matrix  # (k, N)
+    Q: sp.csc_matrix  # (N, k)
     solve: Callable[[Floats], Floats]
 
     @classmethod
@@ -136,7 +128,7 @@ class ActiveSetSystem:
 
 
 def build_columns(sets: ActiveSets, p: Floats, law: Weights) -> tuple[sp.csr_matrix, sp.csr_matrix, Floats]:
-    """Return P (k, N), Q' (k, N) and the compliances (k,) of some active sets under limit forces p (r,)."""
+    """Return P (k, N), Q' (k, N) and the compliances (k,) for some active sets and forces p of limits."""
     J, slope = law.slopes(p, sets.along)
     P, compliance = _columns(sets, slope)
     return P, P if J is None else _with_pressure(P, sets, J), compliance
@@ -153,7 +145,7 @@ def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, comp
 
 
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
-    """Return P (k, N) and its compliances (k,): rows of held terms and limits, and across and along slips."""
+    """Return P (k, N) and compliances (k,); the head of this module lists the forces that are rows of P."""
     (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
@@ -172,7 +164,7 @@ def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Flo
 
 
 def _with_pressure(P: sp.csr_matrix, sets: ActiveSets, J: sp.csr_matrix) -> sp.csr_matrix:
-    """Return Q' (k, N): P plus, in the row of an acting limit, the change of friction that its force causes."""
+    """Return Q' (k, N): add J times the directions of slip to the rows of P for acting limits."""
     block, acting = sets.direction.shape[1], sp.csc_matrix(J)[:, sets.act]
     ways = np.where(sets.stick[:, None], 0.0, sets.direction)[acting.indices] * acting.data[:, None]
     at = acting.indices[:, None] * block + np.arange(block)
@@ -193,7 +185,7 @@ class Search:
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
         """Solve the step from a point and a system; return the solution, its last system, and the error of the law."""
         system = system or self._first_system(point)
-        s, z = self.delassus.split(point.off)  # Negative z are open gaps, whose size says nothing about forces.
+        s, z = self.delassus.split(point.off)  # Gaps z < 0 are open; their size says nothing about forces.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last = set[bytes](), None, 0, np.inf
         while True:
@@ -213,19 +205,18 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system of the guessed sets at zero slip. In a floating body all terms stick and all limits act."""
+        """Return the system of a point's sets at zero slip; in a floating body, all terms stick and all limits act."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
         return self.system(sets, point)
 
     def system(self, sets: ActiveSets, point: Point) -> ActiveSetSystem:
-        """Assemble the system of some sets, and count it."""
         self.count += 1
         return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
-        """Correct with the factors of a system; return the point, its sets and the error of the law."""
+        """Correct a point with the factors of a system; return the new point, its sets and its error of the law."""
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
         for _ in range(MAX_CORRECTIONS):
@@ -259,7 +250,7 @@ class Search:
     def _sweep(self, point: Point) -> Point:
         """Return a point nearer to the solution, by projected gradients.
 
-        If K has a kernel, the penalty `norm` * |rest|^2 / 2 is added, where `norm` is the norm of W.
+        If K has a kernel, the method is an augmented Lagrangian with multipliers `a` and the penalty |W| |rest|^2 / 2.
         """
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
@@ -298,7 +289,7 @@ class Newton(Solver):
     accuracy : float
         Requested relative energy error of a step, which its certificate must meet.
     max_iterations : int
-        Largest number of linear systems per step. If a step needs more, its last point is returned and certified.
+        Largest number of linear systems per step. If a step needs more, its answer is the last point.
 
     Examples
     --------
@@ -331,7 +322,6 @@ class PreparedNewton:
 
     @cached_property
     def delassus(self) -> Delassus:
-        """The Delassus operator W of the run."""
         return Delassus(self.operators)
 
     def solve(
@@ -342,16 +332,16 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
     def solve_from(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """Solve a step, starting on the active sets of an answer; if `most` is 1, take one Newton step."""
+        """Solve a step, starting on the active sets of an answer."""
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Solve a step from a point, first on the active sets of the point if `near`, else with the last system."""
+        """Solve a step from a point; the first system is for the point's active sets if `near`, else the last one."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         u = delassus.u
         own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])
         search = Search(delassus, own, self.most)
-        # Discard the last system if a term that slips in it has an infinite weight in this step.
+        # Terms with infinite weights stick: discard the last system if such a term slips there.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
         begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)
@@ -364,7 +354,7 @@ class PreparedNewton:
 def apply_law_to_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Floats, Floats]:
-    """Return increments d and forces lam, p that obey the law: held rows rest, lam is w s/|s| on slipping terms."""
+    """Return increments d and forces lam, p that obey the law: held rows do not move, and lam = w s/|s| for slips s."""
     operators, sets = program.operators, system.sets
     d, point = correct_answer(delassus, program, point, system, law)
     if operators.own_columns is not None:
@@ -385,7 +375,7 @@ def apply_law_to_answer(
 def correct_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Point]:
-    """Remove the residual, motions of held rows, and slips across their forces; return the increments and the point."""
+    """Remove the residual, motions of held rows, and slips not parallel to forces; return increments and point."""
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)
     left = program.residual(d, lam, p)
@@ -403,6 +393,6 @@ def correct_answer(
 
 
 def gap_of_law(program: StepProgram, law: Weights, answer: Answer) -> float:
-    """Return the duality gap of an answer, under the weights for the answer's pressure and slip."""
+    """Return the duality gap of an answer for the weights at its pressure and slip."""
     followed = replace(program, w=law.at(answer.p, lengths(program.slip(answer.d))))
     return followed.duality_gap(*followed.admissible_point(answer.d, answer.lam, answer.p))

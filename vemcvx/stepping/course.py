@@ -1,7 +1,7 @@
-"""The course of a run's data in time: samples of loads, gaps, friction bounds and motions, with bends, turns and jumps.
+"""Loads, gaps, friction bounds and motions as functions of time, and the instants at which they bend, turn or jump.
 
-For each kind of data we sample one sum with random weights, at the ends and midpoints of all steps, and at intervals of
-at most 1/256 of the run. Changes that begin and end between two samples are not found.
+All data of one kind, such as all gaps, are added up with random weights. These sums are sampled at ends and midpoints
+of steps, and at intervals of at most 1/256 of the run. Changes that begin and end between two samples are not found.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest (change of slope) * (length of an interval) at a bend or turn, relative to the largest data."""
+"""Least bend or turn that is found: change of slope times length of an interval, relative to the largest data."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -51,7 +51,7 @@ def sample_course(system: System, times: Floats) -> Course:
 
 
 def subdivide(times: Floats, least: int, in_all: int) -> Floats:
-    """Split steps into at least `least` parts, and the run into at least `in_all`; steps across jumps remain."""
+    """Split each step into `least` or more parts, and the run into `in_all` or more. Steps across jumps stay whole."""
     span = times[-1] - times[0]
     parts = []
     for a, b in pairwise(times):
@@ -61,7 +61,7 @@ def subdivide(times: Floats, least: int, in_all: int) -> Floats:
 
 
 def inside_steps(times: Floats, bends: Floats) -> Floats:
-    """Return the bends that are not instants of steps, without duplicates; each jump has two bends."""
+    """Return the instants of bends inside steps, without duplicates. A jump has two such instants."""
     span = float(times[-1] - times[0])
     inside = np.sort(bends[np.abs(bends[:, None] - times).min(axis=1, initial=np.inf) > JUMP_WIDTH * span])
     # If two data bend at the same instant, this instant is found twice, with different rounding.
@@ -80,7 +80,7 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
-    """Return the instants where the lines through samples left and right of an interval meet inside the interval."""
+    """Return the instants of bends: the lines through the samples on both sides of an interval meet inside it."""
     width = np.diff(times)
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
@@ -94,7 +94,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
 
 
 def _turns(times: Floats, values: Floats) -> Floats:
-    """Return the vertices of parabolas through three samples whose middle one is the largest or the smallest."""
+    """Return the instants of turns: vertices of parabolas through three samples, of which the middle one is extreme."""
     width = np.diff(times)[:, None]
     slopes, half = np.diff(values, axis=0) / width, 0.5 * (width[1:] + width[:-1])
     left, right = slopes[:-1], slopes[1:]
@@ -109,10 +109,10 @@ def _jumps(
     """Return two instants and a sentence for each jump."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
     usual, instants, sentences = np.median(change) if len(change) else 0.0, [], []
-    # A jump is large compared with the data, and with their median change in an interval.
+    # At a jump, the change in an interval is large compared with the data and with the median change.
     for j in np.flatnonzero((change > 0.02) & (change > 4.0 * usual)).tolist():
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]
-        # At a jump at least a quarter of the change remains in ever shorter intervals; on a steep slope none remains.
+        # Halve the interval thirty times. A jump keeps at least a quarter of the change; a steep slope keeps nothing.
         for _ in range(30):
             t = 0.5 * (a + b)
             middle = value(t)

@@ -1,7 +1,7 @@
-"""Checks of meshes in space: from points and cells to polyhedra that fit together, or a MeshError.
+"""Checks of meshes in space, which raise MeshError unless cells are polyhedra that fit together.
 
-Each edge of a cell belongs to exactly two of its faces, which must traverse the edge in opposite directions. If a cell
-violates this condition, we reverse its faces with normals towards the middle of the cell, and check again. Neighbouring
+Each edge of a cell must belong to exactly two faces of the cell, which traverse the edge in opposite directions. If
+directions are wrong, we reverse the faces whose normals point to the middle of the cell, and check again. Neighbouring
 cells must share whole faces: no two boundary faces may lie on one another. Other intersections are found only if the
 volumes of all cells add up to more than the volume of the convex hull of the mesh.
 """
@@ -28,7 +28,7 @@ from vemcvx.meshes.polyhedra import FaceLists, Faces, FaceShapes
 def check_polyhedral_mesh(
     points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
 ) -> plane.CheckedMesh:
-    """Return points and `Faces` of a `PolyhedralMesh`, or raise MeshError; only nodes at interfaces may coincide."""
+    """Return the checked points and faces of a `PolyhedralMesh`; only nodes at interfaces may coincide."""
     points = plane.check_points(points, 3)
     listed = cells if isinstance(cells, FaceLists) else _list_faces(cells)
     _check_lists(listed, len(points))
@@ -51,7 +51,6 @@ def check_polyhedral_mesh(
 
 
 def _list_faces(cells: Any) -> FaceLists:
-    """Return the given faces of cells as flat arrays, or raise MeshError."""
     wanted = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
     rows = [plane.list_of(cell, wanted) for cell in plane.list_of(cells, wanted)]
     cell_offsets = offsets_of(np.array(list(map(len, rows)), dtype=np.int64))
@@ -60,7 +59,7 @@ def _list_faces(cells: Any) -> FaceLists:
 
 
 def _check_lists(listed: FaceLists, n_nodes: int) -> None:
-    """Raise MeshError unless cells have at least four faces, and faces at least three different nodes that exist."""
+    """Raise MeshError for a cell with less than four faces, or a face with less than three different nodes."""
     counts = np.diff(listed.cell_offsets)
     if not len(counts):
         raise MeshError("a mesh needs at least one cell; got none.")
@@ -75,7 +74,7 @@ def _face(number: int, cell_offsets: Ints) -> str:
 
 
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
-    """Return a mask of the listed faces with inward normals, which must be reversed, or raise MeshError."""
+    """Return a mask of the listed faces that must be reversed because their normals point inwards."""
     owner = cell_of_corner(listed.cell_offsets)
     first, number = polygons.same_rows(listed.offsets, listed.vertices)
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
@@ -101,7 +100,6 @@ def _check_cells(points: Floats, listed: FaceLists) -> Bools:
 
 
 def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools:
-    """Return a mask of the listed faces to reverse (see the head of this module), or raise MeshError."""
     offsets, vertices, cell_offsets = listed
     owner, face = cell_of_corner(cell_offsets), cell_of_corner(offsets)
     ends = corner_edges(offsets, vertices)
@@ -160,7 +158,7 @@ def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShap
 
 
 def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceShapes) -> None:
-    """Raise MeshError if a cell has no volume, or cells overlap or meet in parts of faces."""
+    """Raise MeshError if a cell has no volume, if cells overlap, or if two cells share only a part of a face."""
     from scipy.spatial import ConvexHull, QhullError
 
     offsets, nodes = polyhedra.nodes_of_cells(faces, len(points))
@@ -206,9 +204,9 @@ def find_touching_faces(
     body: Ints | None = None,
     part: float = SINGLE_EPS,
 ) -> Ints:
-    """Return pairs (2, k) of faces, of two bodies if `body` is given, that are at most `width` apart and overlap.
+    """Return pairs (2, k) of faces that are at most `width` apart and overlap.
 
-    The common area is more than `part` times the area of the smaller face.
+    Faces overlap if their common area exceeds `part` times the smaller area. If `body` is given, bodies must differ.
     """
     import shapely
 
@@ -234,7 +232,7 @@ def find_touching_faces(
 
 
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
-"""A frame whose third axis is the direction of rays; no mesh is likely to be aligned with it."""
+"""The third axis of this frame is the direction of rays in `is_enclosed`; hardly any mesh is aligned with it."""
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:

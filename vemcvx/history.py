@@ -49,17 +49,17 @@ class History(Results, Outlined):
     trajectory : Trajectory
         The results in free unknowns, and scalar results at all N + 1 instants.
     errors : dict or None
-        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
+        Relative energy errors of an adaptive run: "algebra", "space", "time", "total" (the sum), "target" (requested).
     bound : dict or None
-        With ``simulate(..., bound=True)``: bounds "upper" and "lower" on the mesh error in the energy norm, of the step
-        with the largest upper bound, "step", given the step before (:func:`vemcvx.error_bound`). "relative" is "upper"
-        divided by the largest energy norm of the run, "reading" the estimated part of "upper", and "kind" its kind.
+        With ``simulate(..., bound=True)``: bounds "lower" and "upper" on the mesh error of one step in the energy norm,
+        given the step before (:func:`vemcvx.error_bound`). "step" is the step with the largest upper bound, "relative"
+        is "upper" / (largest energy norm of the run), "reading" the estimated part of "upper", "kind" the guarantee.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
-        With `bound`: bounds on the force of a support that moves a boundary; NaN if unknown.
+        With `bound`: lower and upper bounds on the force of a moving support; NaN if unknown.
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}.
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
@@ -81,7 +81,7 @@ class History(Results, Outlined):
         return cls(begins=begins, **{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike, field: str = "displacement") -> Floats:
-        """Return a field (S, p, ...) at any points (p, dim) of the body, at all stored steps.
+        """Return a field at any p points of the body, at all stored steps: an array (S, p, ...).
 
         Parameters
         ----------
@@ -103,15 +103,15 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point of the plane (of the line, if the body is plane), and the normal, which points to the part ahead.
+            A point of the plane (in a plane body: line), and its normal, which points to one part, called ahead.
         on : str or sequence of str, optional
             Names of cell data, such as names of bodies: only cells where one of these data is nonzero are included.
 
         Returns
         -------
         Section
-            ``force, moment = history.section(...)``: the force (S, dim), and the moment about `point` (S,), in space
-            (S, 3), that the part ahead exerts on the part behind. They balance all other forces on either part.
+            ``force, moment = history.section(...)``. The part ahead exerts them on the part behind: the force (S, dim),
+            and the moment (S,), in space (S, 3), about `point`.
 
         Raises
         ------
@@ -136,7 +136,7 @@ class History(Results, Outlined):
         Parameters
         ----------
         field : str
-            As for `probe`; the mean displacement is the mean of Pi u.
+            As for `probe`. A displacement is averaged as its projection Pi u, which is linear on each cell.
         on : str or sequence of str, optional
             As for `section`: names of cell data.
 
@@ -170,7 +170,7 @@ class History(Results, Outlined):
         return frame(table(self, name))
 
     def to_xarray(self) -> Dataset:
-        """Return all arrays as one dataset of xarray, by their names in ``history.npz``.
+        """Return all arrays as one dataset of xarray, named as in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
         ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. The attributes of arrays have their "units".
@@ -187,7 +187,7 @@ class History(Results, Outlined):
         n : int
             1 is the first step after the initial instant.
         condense : bool
-            True: the program in the unknowns of friction and contact, with a dense stiffness K. False: in all unknowns.
+            True: the program has only the unknowns of friction and contact, and a dense K. False: all unknowns.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class History(Results, Outlined):
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
     def write(self, folder: str | Path) -> Path:
-        """Write the history to a folder, in which no foreign file is replaced: see :mod:`vemcvx.results.files`."""
+        """Write the history to a folder, without replacing other files: see :mod:`vemcvx.results.files`."""
         return write_results(self, folder)
 
 
@@ -222,7 +222,7 @@ def scene_of(history: object, subject: str) -> Scene:
 
 
 def read_history(folder: str | Path) -> History:
-    """Read a history from a folder that :meth:`History.write` wrote; all numbers are equal to the last bit.
+    """Read a history from a folder that :meth:`History.write` wrote; all numbers are recovered exactly.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def read_history(folder: str | Path) -> History:
 
 
 def joined(histories: Sequence[History]) -> History:
-    """Return stages as one history, with tables, pictures, films and files like any other history.
+    """Join the histories of stages into one history.
 
     A stage is a run that begins where the run before it ended: ``simulate(scene2, mesh, times2, initial=history1)``.
     Slip, wear, work and dissipated energy add up over the stages. Bounds and estimated errors are left out.
@@ -290,7 +290,7 @@ FOR_GIVEN = "for the given friction: friction bounds are fixed by the pressure a
 
 
 def in_words(history: Results) -> Outline:
-    """Return the summary of a history in words: size, solver, certificates, errors, energy, contact, cost."""
+    """Return the outline of a history."""
     run, touch = history.trajectory, history.contact
     row, at_end = history.row(None), history.peak == history.stored[-1]
     sticks, slips, opened = (int(count[row]) for count in (touch.stick_count, touch.slip_count, touch.open_count))

@@ -24,7 +24,7 @@ def count_steps(steps: int) -> str:
 
 @dataclass(frozen=True)
 class Outline:
-    """A title, and lines that consist of a name and words."""
+    """A title, and lines with a name and a text each."""
 
     title: str
     lines: Lines
@@ -63,7 +63,7 @@ class ArrayRecord(Outlined):
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def outline(self) -> Outline:
-        """Return the outline with all fields, including the fields of inner records."""
+        """Return one line per field; the fields of an inner record are called "outer.inner"."""
         lines: list[tuple[str, str]] = []
         for field in (field for field in fields(self) if field.repr):
             value = getattr(self, field.name)
@@ -73,7 +73,7 @@ class ArrayRecord(Outlined):
 
 
 def in_a_line(value: object) -> str:
-    """Return the shape of an array, or any other value, in at most one line."""
+    """Return a short text for a value; for an array, its shape and the kind of its entries."""
     if isinstance(value, str):
         return value
     if isinstance(value, float):

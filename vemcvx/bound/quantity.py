@@ -1,33 +1,33 @@
 """Bounds on a linear quantity, by the parallelogram of two hypercircles.
 
-A quantity is given as a load: q(u) is the work of its tractions, pressures, body forces and prestress on the
-displacement u. If the load also moves supports by -z_D, q(u) includes the work of the support forces on -z_D. The dual
-solution z satisfies a(z, w) = q(w) for all admissible w, and z = z_D on supports. The dual pair is a displacement z_h
-and a stress tau_z in equilibrium with q. Let e = u - v, and let r_z and A_z be r and A (:mod:`vemcvx.bound`) for the
-dual pair. Let T(w) be the work on w of all forces in balance with tau, including friction and contact. Then
+A load defines the quantity q(u): the work of its tractions, pressures, body forces and prestress on the displacement u.
+With a prescribed displacement -z_D of supports, q(u) includes the work of the support forces on -z_D. The symbols v,
+tau, sigma, sigma_0, r, A and b are those of :mod:`vemcvx.bound`, and e = u - v.
+
+The dual solution z satisfies a(z, w) = q(w) for all admissible w, and z = z_D on supports. The dual pair is a
+displacement z_h and a stress tau_z in equilibrium with q. Let r_z and A_z be the defect r and its norm A of the dual
+pair. Let T(w) be the work on w of the loads, friction and pressure that are in equilibrium with tau. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
-    (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma,
+    (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma.
 
-and d = C eps(e) - r / 2 satisfies |d|^2 <= A^2 / 4 + b, because |e|^2 <= (r, eps(e)) + b. So q(u) differs from the
-computable number
+Let d = C eps(e) - r / 2. Because |e|^2 <= (r, eps(e)) + b, we have |d|^2 <= A^2 / 4 + b. So q(u) differs from
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 
-by at most A_z (A^2 / 4 + b)^{1/2}. Without friction and contact, this is |r| |r_z| / 2 (K. Washizu, J. Math. Phys. 32
-(1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8).
+by at most A_z (A^2 / 4 + b)^{1/2}, the half width. Without friction and contact, this is |r| |r_z| / 2 (K. Washizu, J.
+Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8).
 
-The proof has two conditions. First, the tractions of tau_z, without the loads of q, do no work on e. Second, the work
-of sigma on z_h is T(z_h). Both hold if only supports hold the body. With friction and contact, both hold if z_h
-vanishes on contact, and tau_z has no traction there, except normal tractions where contact cannot open. Then r_z does
-not decrease with the mesh size, and the width decreases like A. If z_D moves an end of an edge, friction of sigma and
-of tau can do different work there. The width contains a bound on the difference.
-
-v and z_h may be replaced by the richer v + w and z_h + w_z of :mod:`.hypercircle`; v + w equals v on contact.
+The proof assumes that the tractions of tau_z, apart from the loads of q, do no work on e, and that the work of sigma on
+z_h is T(z_h). It suffices that z_h is zero, and tau_z has no traction, where friction and obstacles act; where contact
+cannot open, tau_z may have a normal traction. If z_D moves an end of an edge with friction, the frictions of sigma and
+of tau can do different work on z_h; the half width then includes a bound on the difference. The bounds also hold for
+v + w and z_h + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
 
 Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
-fit. They change q(u) by l_0(z_h) + q_0(u) plus at most A_z eta. The width contains estimates of these three terms.
+fit. Without l_0 and q_0, q(u) changes by l_0(z_h), by q_0(u), and by at most A_z eta. The half width includes
+estimates of these three terms.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class QuantityBound(Outlined):
-    """An interval for a linear quantity q(u) of the exact displacement u of a step, given the step before.
+    """An interval for a linear quantity q(u); u solves a step exactly, from the computed state before this step.
 
     Attributes
     ----------
     step : int
         The step.
     value : float
-        The quantity q of the run. It may be outside the interval, whose middle is corrected by the dual solution.
+        The quantity q of the computed displacement. It may be outside the interval.
     low, high : float
         The interval. With Coulomb's law, the interval holds for the friction bound given by the pressure of the run.
     reading : float
@@ -104,7 +104,7 @@ class QuantityBound(Outlined):
 
 
 def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
-    """Return the bound of the quantity `of` in a step with this pair, or raise SceneError."""
+    """Return bounds on a quantity in a step with this primal pair; raise SceneError if there are none."""
     dual = Dual.from_effects(pair.circle, of, pair.t)
     low, high = dual.interval(pair)
     plain = replace(pair, w=0.0 * pair.w)
@@ -114,7 +114,7 @@ def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequenc
 
 @dataclass(frozen=True, eq=False)
 class Dual:
-    """The dual problem of a quantity at the instant t; it serves all steps if the quantity does not depend on time."""
+    """The dual problem of a quantity at the instant t."""
 
     primal: Hypercircle
     effects: tuple[Effect, ...]
@@ -144,7 +144,7 @@ class Dual:
         return cls(circle, effects, t)
 
     def motion(self, space: Space) -> Floats:
-        """Return z_D (n_nodes, 2): minus the displacement that the effects of the quantity prescribe on supports."""
+        """Return z_D = -u_D (n_nodes, 2), where u_D is the displacement that the effects of the quantity prescribe."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
         if not supports:
@@ -195,11 +195,11 @@ class Dual:
         return circle.make_pair((self.t, z), surface, read, prestress)
 
     def _moves_along(self, ways: Floats) -> Bools:
-        """Return True for edges (b,) with an end that z_D moves along the directions `ways` (b, 2)."""
+        """Return True (b,) for edges with an end that z_D moves in the direction `ways` (b, 2) of the edge."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:
-        """Return the free unknowns that cause neither slip where friction acts nor motion towards obstacles."""
+        """Return the free unknowns that cause no slip where friction acts, and no normal motion at obstacles."""
         posed, boundary, rows = self.primal.posed, self.primal.boundary, []
         for acts, ways in zip(boundary.acting, (boundary.edges.tangents, boundary.edges.units), strict=True):
             ends, across = boundary.edges.outer_edges[acts].ravel(), boundary.edges.joints.across[acts].ravel()
@@ -241,10 +241,10 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on the work on z of the friction of sigma - tau, on edges with an end that z_D moves."""
+        """Return a bound on |int (q_sigma - q_tau) z_t| over edges that z_D moves; q is the friction of a stress."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
-        # The values of z_h + w_z are linear between the ends of edges, plus a quadratic part.
+        # On an edge, z_h + w_z is a linear function plus a quadratic one that vanishes at the ends.
         numbered, values = self.primal.equilibrium.edges, self.pair.richer.outline.reshape(-1, 2)
         ends = values[edges.outer_edges]
         middles = values[len(values) - numbered.count + numbered.outer[:, 0, 0] // 4]
@@ -255,8 +255,8 @@ class Dual:
 
 
 def _allowance(primal: Pair, dual: Pair) -> float:
-    """Return the estimated change of q by omitted parts of the load and of the quantity."""
-    # |v + w| is at most |v| + |w|, and |w| is the lower bound of the pair.
+    """Return an estimate of |l_0(z_h) + q_0(u)| + A_z eta."""
+    # |v + w| <= |v| + |w|, and |w| is `lower`, the lower bound on |u - v|.
     load, quantity = primal.read.eta, dual.read.eta
     works = load * (dual.norm + dual.lower) + quantity * (primal.norm + primal.lower)
     return works + float(np.sqrt(dual.richer_A2)) * load + quantity * (primal.upper + load)

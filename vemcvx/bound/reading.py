@@ -1,21 +1,23 @@
-"""Reading of data for bounds: fits that are linear on edges and in cells, and the energy of the remainders.
+"""Linear fits to data on edges and in cells, for bounds, and the energy of the remainders.
 
-Effects are evaluated again, on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in
-cells. Bounds are theorems if loads and friction bounds equal their linear fits at all examined points, and gaps are
-linear where bodies touch. Otherwise bounds are theorems for the fits, the data *as read*. The load minus its fit is the
-omitted load l_0(w), a linear functional of displacements w. Its norm eta = sup l_0(w) / |w| is estimated by the root of
-the sum of the energies of remainders (data minus fits), with edge length l_e and longest side d_K of a cell's box:
+Effects are evaluated on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells.
+Error bounds are theorems if loads and friction bounds equal their linear fits at all these points, and gaps are linear
+where bodies touch. Otherwise error bounds are theorems for the fits, called the data *as read*.
+
+The load minus its fit is the omitted load l_0(w), a linear functional of displacements w. Its norm is eta = sup l_0(w)
+/ |w|. We estimate eta^2 by the sum of the following energies. A remainder is a datum minus its fit, l_e is the length
+of an edge, and d_K the longest side of the box of a cell:
 
     remainders of       work on a displacement v     energy
     tractions t         int t . v                    l_e / (4 mu) |t|^2_e
     friction bounds g   int g |v_t|                  l_e / (4 mu) |g|^2_e
     body forces f       int f . v                    d_K^2 / (18 mu) |f|^2_K
-    gaps d              (d is added to v)            2 mu max |d|^2
+    gaps d              none; v changes by d         2 mu max |d|^2
 
-The solutions for the data and for their fits differ by at most eta, also with friction. The energies follow from
-Poincare inequalities on an edge of a half space (the exact factor of l_e / (2 mu) is (3 - 4 nu) / pi <= .96) and on a
-cell. Half of them suffices, because remainders are orthogonal to linear functions. Features narrower than the distance
-between points may be missed.
+The solutions for the data and for their fits differ by at most eta, also with friction. Poincare inequalities give at
+most l_e / (2 mu) |t|^2_e on an edge of a half space (the exact factor is (3 - 4 nu) / pi <= .96), and d_K^2 / (9 mu)
+|f|^2_K in a cell. Half of each suffices, because remainders are orthogonal to linear functions. Features between the
+evaluated points may be missed.
 """
 
 from __future__ import annotations
@@ -37,22 +39,17 @@ from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
 from vemcvx.vem import Space
 from vemcvx.vem.tensors import elastic_matrix
 
-POINCARE = 1.0 / 9.0
-"""Constant of the Poincare inequality: 1 / pi^2 for convex cells in a box of longer side 1; 10 % more for rotations."""
+POINCARE = 1.0 / 9.0  # Poincare constant: 1 / pi^2 for convex cells in a box of longer side 1, plus 10 % for rotations.
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The data at an instant, as read: fits that are linear on edges and in cells."""
+    """Fits to the data at an instant, linear on edges and in cells."""
 
-    tractions: Floats
-    """(b, 2, 2) tractions at the ends of edges"""
-    friction: Floats
-    """(b, 2) given bounds of friction at the ends of edges"""
-    body: Floats
-    """(n_cells, 6) coefficients of body forces, as in :class:`.fan.Fans`"""
-    omitted: Floats
-    """remainders at all points, scaled so that the sum of squares is eta^2"""
+    tractions: Floats  # (b, 2, 2) tractions at the ends of edges
+    friction: Floats  # (b, 2) given bounds of friction at the ends of edges
+    body: Floats  # (n_cells, 6) coefficients of body forces, as in fan.Fans
+    omitted: Floats  # remainders at all points, scaled so that the sum of squares is eta^2
 
     @property
     def eta(self) -> float:
@@ -62,43 +59,41 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Reader:
-    """The data of a posed scene, and the points at which they are read."""
+    """The effects of a posed scene, evaluated on a finer boundary and in cells."""
 
     posed: PosedScene
     edges: Skeleton
-    fans: Sequence[Fans] = ()
-    """the cells, of which only bounds read body forces"""
-    effects: Sequence[Effect] | None = None
-    """effects with these data; None for the effects of the scene"""
+    fans: Sequence[Fans] = ()  # the cells in which bounds fit body forces
+    effects: Sequence[Effect] | None = None  # the effects to evaluate; None for the effects of the scene
 
     @cached_property
     def fine(self) -> FineBoundary:
-        """The mesh with edges cut into pieces, on which effects contribute again."""
+        """The mesh with edges cut into pieces."""
         return fine_boundary(self.edges.mesh, self.edges)
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """Contributions of all effects, even if their data are zero, to the fine mesh."""
+        """The contributions of all effects to the fine mesh; effects with zero data are included."""
         return list_parts(self.posed, Space(self.fine.mesh), self.effects)
 
     @property
     def frictions(self) -> list[Friction]:
-        """The frictions of all effects, even if their data are zero."""
+        """The frictions in `parts`."""
         return [friction for part in self.parts for friction in part.frictions]
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """The obstacles of all effects, even if their data are zero."""
+        """The obstacles in `parts`."""
         return [obstacle for part in self.parts for obstacle in part.obstacles]
 
     @property
     def supports(self) -> list[Support]:
-        """The supports of all effects, even if their data are zero."""
+        """The supports in `parts`."""
         return [support for part in self.parts for support in part.supports]
 
     @cached_property
     def body_loads(self) -> list[Load]:
-        """The body forces of all effects, even if their data are zero."""
+        """The body forces in `parts`."""
         loads = [load for part in self.parts for load in part.loads if load.cells is not None]
         for load in loads:
             if load.is_scalar:
@@ -121,7 +116,7 @@ class Reader:
         return Reading(tractions, np.maximum(friction[..., 0], 0.0), body, omitted)
 
     def local_errors(self, now: Instant, means: Floats) -> Floats:
-        """Return energies (b,) of tractions minus `means` (b, 2), and of bounds and gaps minus lines between nodes."""
+        """Return energies (b,) of (tractions - `means`), (friction bounds - interpolants) and (gaps - interpolants)."""
         edges, shear, squares = self.edges, self.edges.shear[self.edges.outer], np.zeros(len(self.edges.outer))
         squares += np.mean(np.sum((self._tractions(now.t) - means[:, None]) ** 2, axis=2), axis=1)
         for friction in (one for one in self.frictions if one.law is None):
@@ -146,7 +141,7 @@ class Reader:
         return g.reshape(-1, PIECES - 1, 1)
 
     def body_forces(self, t: float) -> tuple[Floats, Floats]:
-        """Return fits to body forces (n_cells, 6), and all remainders, scaled as in :class:`Reading`."""
+        """Return fits (n_cells, 6) to body forces, and the remainders, scaled like `Reading.omitted`."""
         found, scaled = np.zeros((len(self.edges.mesh.areas), 6)), [np.zeros(0)]
         factor = np.sqrt(0.5 * POINCARE / self.edges.shear) * self.edges.sizes
         for fans in self.fans if self.body_loads else ():
@@ -162,7 +157,7 @@ class Reader:
         return found, np.concatenate(scaled)
 
     def _deviations_of_gaps(self, now: Instant) -> Floats:
-        """Return max |gap - line| (b,) over edges that touch an obstacle; `line` is linear between nodes."""
+        """Return for each edge (b,) the largest |gap - interpolant| where the edge touches an obstacle."""
         fine, edges, highest = self.fine, self.edges, np.zeros(len(self.edges.outer))
         if not self.obstacles:
             return highest
@@ -175,7 +170,6 @@ class Reader:
         return highest
 
     def _check_lines(self, t: float) -> None:
-        """Raise SceneError if the motion of an obstacle, or its stiffness, is not linear between nodes."""
         given = list[tuple[Friction | Obstacle, str, Floats]]()
         given += [(one, "ground", one.ground.vector(t)) for one in self.frictions if one.ground is not None]
         given += [(one, "stiffness", stiffness_of(one)[:, None]) for one in self.obstacles]
@@ -198,25 +192,24 @@ class Reader:
 
 
 def stiffness_of(obstacle: Obstacle) -> Floats:
-    """Return the stiffness (m,) per length of an obstacle; zero if it is rigid."""
+    """Return the stiffness (m,) per length of an obstacle; rigid obstacles have the entry 0."""
     soft = obstacle.compliance > 0
     return np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
 
 
 def _fit_lines(s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Fit lines to values (b, k, d) at positions s (k,) on edges: return values (b, 2, d) at ends, and remainders."""
+    """Fit linear functions to values at positions s on edges; return their values (b, 2, d) at ends, and remainders."""
     basis = np.column_stack([1.0 - s, s])
     found = np.matmul(np.linalg.pinv(basis), values)
     return found, _remove_rounding(values, values - np.matmul(basis, found))
 
 
 def _remove_rounding(values: Floats, left: Floats) -> Floats:
-    """Return the remainders `left`, set to zero where they are rounding errors of `values`."""
     return np.where(np.abs(left) <= SAME * np.abs(values).max(initial=0.0), 0.0, left)
 
 
 def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None = None) -> list[Contribution]:
-    """Return the contributions in a space of all effects, even if their data are zero; materials are already posed."""
+    """Return the contributions of all effects to a space, also of effects with zero data; materials are posed."""
     others = [effect for effect in effects or posed.scene.canonical if not isinstance(effect, MaterialLaw)]
     with suppress_scene_warnings():
         return [*(part for _, part in contributions(others, space)), *posed.laws]
@@ -232,7 +225,7 @@ def varies_in_place(parts: Sequence[Contribution]) -> bool:
 def compare_stresses(
     posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
-    """Return (C - C_K) eps + sigma_0 - sigma_0K (q, k) at points `at` (q, dim) of cells (q,), and C there (q, k, k)."""
+    """Return (C - C_K) eps + sigma_0 - sigma_0K and C at points `at`; C_K and sigma_0K are constant on each cell."""
     (x, owner), material, dim = at, posed.material, posed.space.dim
     C_K, blocked_K = elastic_matrix(material.moduli, dim), material.thermal_stress_moduli
     C, blocked = C_K[owner], blocked_K[owner]

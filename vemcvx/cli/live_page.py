@@ -23,7 +23,7 @@ from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import say, write_text
 
-GIVEN = "VEMCVX_APP"  # The environment variable that passes the problem file to the page.
+GIVEN = "VEMCVX_APP"  # Environment variable with the problem file of the page.
 PAGE = "live_page.py"
 FRAMES = 11  # Number of evenly spaced steps on a page that --html writes.
 STYLE = "dd b{font-size:1.4em}label{display:flex;gap:1em;flex-wrap:wrap}input{flex:1 1 12em}"
@@ -45,7 +45,7 @@ class App:
 
     def __call__(self) -> None:
         """Open a live page: change scene, mesh, friction, load and solver; see stick and slip (needs extra `app`)."""
-        # marimo executes the page again for each visitor, in this environment.
+        # marimo runs the page again for each visitor; the page reads the environment variable.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
             read_problem(self.file).require("scene")
@@ -56,7 +56,7 @@ class App:
 
 
 def serve(port: int | None, browser: bool) -> None:
-    """Serve the page to browsers on this machine by marimo, with an access token, until Ctrl-C."""
+    """Serve the page on this machine until Ctrl-C, with an access token."""
     _require_marimo()
     command = [sys.executable, "-m", "marimo", "run", str(problems_folder() / PAGE), "--token"]
     command += ["--port", str(port)] * (port is not None) + ["--headless"] * (not browser)
@@ -70,7 +70,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 
 def write(path: Path, first: int) -> str:
-    """Write a page with pictures and numbers of some steps, which opens at step `first`; return a line to print."""
+    """Write a page of pictures and numbers that opens at step `first`; return a line to print."""
     module, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units
@@ -96,7 +96,6 @@ def write(path: Path, first: int) -> str:
 
 
 def _run() -> tuple[Any, Mapping[str, Any]]:
-    """Run the cells of the page; return its module, and the values that they define by name."""
     _require_marimo()
     path = problems_folder() / PAGE
     module = execute_file(path, "app")

@@ -13,7 +13,7 @@ Linear = Annotated[str | None, typer.Option(help="superlu, pardiso, iterative, p
 CELLS = "Cells across the shortest side."
 N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]
 FineN = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space or with --target)")]
-Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]
+Condense = Annotated[bool, typer.Option(help="Solve for the contact unknowns only, or for all.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 SolverName = Annotated[str, typer.Option(help="newton, clarabel, osqp, direct, one of cvxpy, or FILE.py:CLASS.")]
 NONE: Any = ()  # The default of options that may be repeated.

@@ -1,7 +1,8 @@
-"""A sweep over settings: many parallel runs, whose errors are measured against a reference.
+"""Parallel runs with many settings, whose errors are measured against a reference run.
 
 The reference has twice the cells of the finest mesh along every side, and four times the largest number of steps. By
-Galerkin orthogonality, errors above four times the error of the reference are right to 3 %.
+Galerkin orthogonality, (measured error)^2 = error^2 - (error of the reference)^2. Above four times the error of the
+reference, errors are right to 3 %.
 """
 
 from __future__ import annotations
@@ -39,12 +40,11 @@ class Point:
     target: float | None = None
 
 
-Recipe = Callable[[Point], Any]
-"""A module-level function that returns the arguments of a run, :class:`vemcvx.cli.problem_file.Posed`."""
+Recipe = Callable[[Point], Any]  # Defined in a module; returns the arguments of a run, a cli.problem_file.Posed.
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:
-    """Return up to four evenly chosen instants that all sequences of times contain, including the last instant."""
+    """Return up to four instants that all sequences of times contain, evenly chosen; one is the last instant."""
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:
@@ -57,9 +57,9 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, Row]:
-    """Run a point in this process; return its history, with these instants stored, and its row of the table."""
+    """Run a point in this process; return its history and its row of the table. The history stores `instants`."""
     with quietly() as caught:
-        # A small run of the same kind triggers late imports; if it fails, the run below fails with the same error.
+        # A small run triggers late imports, so they are not timed. If it fails, the run below raises the same error.
         with suppress(VemcvxError):
             recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulate(check=False)
         caught.clear()
@@ -130,7 +130,7 @@ def sweep(
     workers: int = 2,
     report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
-    """Write the reference to the archive, and run all points; at least one point must not be adaptive."""
+    """Write the reference to the archive, and run all points; at least one point must have `steps`."""
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)
     finer = replace(coarsest, n=2 * n, steps=4 * counts[-1])

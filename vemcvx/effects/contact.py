@@ -32,10 +32,10 @@ from vemcvx.vem.projection import tangents_of
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation: u . n = 0 at the nodes of `on`, with the outward normal n; (3.6) of the paper.
+    """Contact without separation, u . n = 0 with the outward normal n: (3.6) of the paper.
 
-    At a corner, u . n = 0 holds for both normals, which fixes the node. Sides whose normals differ by less than 42.5
-    degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
+    At a corner, u . n = 0 holds for both normals, which fixes the node. Adjacent sides whose normals differ by
+    less than 42.5 degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class PrescribedSlip(Effect):
     ----------
     value : number, or callable f(x, t) -> (m,)
         The slip along the tangent (n rotated by +90 degrees), length. Positive slip is right-lateral: seen from either
-        side, the other side moves to the right. In space, a vector, of which only the part along the surface counts.
+        side, the other side moves to the right. In space the slip is a vector, and its part along the surface counts.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact.
 
@@ -121,7 +121,7 @@ class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the normal n of the undeformed boundary and
-    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988). The smaller of two gaps counts.
+    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988). Of two gaps at a node, the smaller holds.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, at t = 0: force per length^2 (and unit thickness), in space per length^3.
+        Pressure per penetration, > 0, force per length^2 (in space force per length^3), evaluated at t = 0.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -193,7 +193,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # If a node moves outwards by z, its edges move by z * cosines. Its force is cosines times the force on edges.
+        # A node that moves by z along its normal moves its edges by c z, c = `cosines`. Forces have the factor c, too.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -206,8 +206,8 @@ class VelocityContact(Effect):
     """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
 
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
-    pressure is the normal damped response p = damping (u'.n)_+ (docs/theory/coulomb.md), whose work is part of
-    `history.dissipated`. In a step of length k, u' is (u - u_prev) / k.
+    pressure is p = damping (u'.n)_+, and its work is part of `history.dissipated`. In a step of length k, u' is
+    (u - u_prev) / k (docs/theory/coulomb.md).
 
     Parameters
     ----------
@@ -243,19 +243,17 @@ class VelocityContact(Effect):
 
 
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# For while_closed=True, a weight that jumps from 0 to the nodal bound b at the normal force p = 0 would leave some
-# steps without a solution. The ramp w = min(STEEPNESS p, b) is continuous, so every step has a solution (Brouwer).
+# while_closed=True: if the weight w jumped from 0 to the nodal bound b at the normal force p = 0, some steps would have
+# no solution. The ramp w = min(STEEPNESS p, b) is continuous, so every step has a solution (Brouwer).
 STEEPNESS = 1e6
 
 
 class _Friction(Effect):
-    """An effect of friction; the ground may move."""
-
     on: str | Sequence[str]
     ground: data.Datum | None = None
 
     def _rub(self, space: Space, rows: BoundaryRows, **acts: Any) -> Contribution:
-        """Return the contribution of friction on rows; `acts` are further fields of Friction, such as its weights."""
+        """Return the contribution of friction on rows; `acts` are fields of Friction, such as weights."""
         subject, ground = self._subject, None
         if self.ground is not None:
             if (rows.partners >= 0).any():
@@ -275,20 +273,20 @@ class _Friction(Effect):
 class TrescaFriction(_Friction):
     """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
 
-    Friction also acts where one-sided contact is open (see `while_closed`). Bounds of overlapping parts add up. If a
-    prescribed displacement moves nodes along the obstacle, the support carries their friction.
+    By default, friction also acts where one-sided contact is open. Bounds of overlapping parts add up. Where a support
+    prescribes the motion along the obstacle, friction acts on the support.
 
     Parameters
     ----------
     bound : number, or callable f(x, t) -> (m,)
-        g >= 0, force per length (and unit thickness), in space per area, evaluated at t_n.
+        g >= 0, force per length (in space force per area), evaluated at the end of each step.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     quadrature : {"nodes", "integral"}
-        The weight of node i with the basis function phi_i: for "nodes" g(x_i) int phi_i, for "integral" int g phi_i.
+        The weight of node i, with its basis function phi_i: g(x_i) int phi_i ("nodes") or int g phi_i ("integral").
     while_closed : bool, optional
         True: the bound is g where one-sided contact is closed, and 0 elsewhere. False: the bound is g everywhere. None
-        (default): as False, with a warning where friction acts without contact.
+        (default): like False, but with a warning where friction acts without contact.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         The displacement of the obstacle, length, if it slides under the body (such as a belt). Only its part along the
         boundary counts; for motions along the normal, use a `gap` that changes in time.
@@ -327,8 +325,6 @@ class TrescaFriction(_Friction):
 
 
 def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Callable[[float], Floats]) -> Law:
-    """Return the law with the weights min(coefficient * p, cap), where p (m,) are normal contact forces."""
-
     def weights(t: float, p: Floats, *slips: Floats) -> Floats:
         return np.minimum(coefficient(t) * np.maximum(p, 0.0), cap(t))
 
@@ -344,7 +340,7 @@ class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
     The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate is "for the given
-    friction", the bounds that follow from the computed pressure (docs/theory/coulomb.md).
+    friction": it takes the friction bounds of the computed pressure as given (docs/theory/coulomb.md).
 
     Parameters
     ----------
@@ -371,7 +367,7 @@ class CoulombFriction(_Friction):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
 
-        @lru_cache(maxsize=3)  # A step calls `read` about ten times.
+        @lru_cache(maxsize=3)  # A step reads the same data about ten times.
         def read(name: str, t: float) -> Floats:
             return self._read(name, data.At(space.mesh.points[rows.nodes], t))
 
@@ -390,8 +386,8 @@ class CoulombFriction(_Friction):
 class SpeedFriction(_Friction):
     """Friction whose bound depends on the speed: |friction| <= bound(|s| / k) for the slip s in a step of length k.
 
-    If `bound` falls with the speed, a step may have several solutions, and the certificate is "for the given friction"
-    (docs/theory/coulomb.md).
+    If `bound` falls with the speed, a step may have several solutions. The certificate then takes the friction bounds
+    of the computed speed as given (docs/theory/coulomb.md).
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ Suffix   Format                                                        Programs 
 =======  ============================================================  ==============================================
 .npz     NumPy's archive, with the certified answer                    all, exactly
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            all, exactly
-.cbf     Conic Benchmark Format, the energy as one more cone           all but some with sparse K; K = F'F is rounded
+.cbf     Conic Benchmark Format, the energy as a cone                  all but sparse K with a kernel; K is rounded
 .mps     MPS with a quadratic objective; .qps is the same file         all without second-order cones
 .hdf5    FCLIB's local problem                                         steps with Coulomb's law; cannot be read back
 =======  ============================================================  ==============================================
@@ -66,7 +66,7 @@ def description(program: StepProgram) -> dict[str, Any]:
     return found
 
 
-Files = dict[str, bytes]  # Suffix -> contents of a file; a suffix such as "_B.mtx" or ".json" follows NAME
+Files = dict[str, bytes]  # {ending of a file name after NAME, such as "_B.mtx" or ".json": contents}
 FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),
@@ -78,7 +78,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return suffix -> contents of the files in the format `name`, and of the JSON file."""
+    """Return the files in the format `name`, and the JSON file."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
@@ -110,7 +110,7 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
     Returns
     -------
     Path
-        The path of the file; the names of all other files begin with NAME.
+        The path of the file; further files are called NAME with other endings.
 
     Raises
     ------
@@ -145,12 +145,12 @@ def read_program(path: str | Path) -> StepProgram:
     Returns
     -------
     StepProgram
-        A SolvedProgram, with its answer, if the file is an NPZ archive that has one.
+        A SolvedProgram if the file is an NPZ archive with an answer.
 
     Raises
     ------
     ProgramError
-        There is no such file, or it holds no program of a step.
+        There is no such file, or the file does not contain a program.
 
     Examples
     --------

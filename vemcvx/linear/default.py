@@ -16,16 +16,12 @@ from vemcvx.linear.iterative import Iterative
 from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU
 
-LARGEST_FACTOR = 2_000_000
-"""Largest number of unknowns for direct solvers in the plane."""
+LARGEST_FACTOR = 2_000_000  # Largest number of unknowns for direct solvers in the plane.
 log = logging.getLogger("vemcvx")
 
 
 def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
-    """Return `given` unless it is None. Otherwise return a direct solver if its factors fit in memory, else Iterative.
-
-    Without PyAMG, the solver is direct. Bodies in space (six rigid `modes`) have much fuller factors than plane bodies.
-    """
+    """Return `given`, or by default a direct solver, or Iterative (needs PyAMG) if direct factors are too large."""
     if given is not None:
         return given
     direct = direct_solver(unknowns)
@@ -37,7 +33,7 @@ def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: in
 
 
 def direct_solver(unknowns: int) -> Pardiso | SuperLU:
-    """Return Pardiso, if installed, for at least 1,000 unknowns, else SuperLU; for fewer unknowns both take 5 ms."""
+    """Return Pardiso if it is installed and there are at least 1,000 unknowns, else SuperLU."""
     return Pardiso() if unknowns >= 1_000 and Pardiso.is_installed() else SuperLU()
 
 
@@ -46,11 +42,8 @@ _find_libraries = cache(ThreadpoolController)  # The search for BLAS libraries t
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Limit BLAS to one thread inside the block if there are fewer than 2,000 unknowns: more threads are slower.
-
-    The limit holds for the whole process, so only the main thread sets it.
-    """
-    if unknowns >= 2_000 or current_thread() is not main_thread():
+    """Limit BLAS to one thread inside the block for fewer than 2,000 unknowns, where more threads are slower."""
+    if unknowns >= 2_000 or current_thread() is not main_thread():  # The limit holds for the whole process.
         yield
         return
     with _find_libraries().limit(limits=1, user_api="blas"):

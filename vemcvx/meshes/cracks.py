@@ -1,7 +1,7 @@
 """Cracks between two sets of cells, and cuts of a mesh in two, along edges (in space: faces).
 
-The corners of cells at a node are grouped: corners of two neighbouring cells are in one group unless the edge or face
-between these cells is cut. Each group gets its own node. At a crack tip there is one group, so the node stays single.
+The corners of cells at a node form groups: two neighbouring cells are in one group if the edge or face between them is
+not cut. Each group gets its own node. At a crack tip there is one group, so the node stays single.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new node; `opened` marks the `pairs` to cut."""
+    """Return the new node of each corner, and the old node of each new node; `opened` pairs of corners are cut."""
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # each group is identified by its first corner
     fresh = ~np.isin(first, np.unique(whole))
@@ -164,7 +164,6 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
 
 
 def _select(mesh: Any, chosen: Bools) -> Any:
-    """Return the mesh of the chosen cells."""
     named = {}
     for name, parts in mesh._named.items():
         places = mesh._places(parts)
@@ -174,5 +173,5 @@ def _select(mesh: Any, chosen: Bools) -> Any:
             named[name] = np.split(nodes, offsets[1:-1])
     cells = [mesh.cells[k] for k in np.flatnonzero(chosen)]
     data = {name: values[chosen] for name, values in mesh.cell_data.items()}
-    with quietly():  # the nodes of other cells are dropped
+    with quietly():  # nodes of other cells are dropped, with a warning
         return type(mesh)(mesh.points, cells, boundaries=named, cell_data=data)

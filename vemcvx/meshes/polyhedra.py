@@ -24,7 +24,7 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, reve
 
 
 class FaceLists(NamedTuple):
-    """All faces of each cell, cell by cell: a face between two cells is listed twice."""
+    """The faces of all cells, cell by cell; a face between two cells is listed twice."""
 
     offsets: Ints  # (n_listed + 1,) start of each face in `vertices`
     vertices: Ints
@@ -47,7 +47,7 @@ class Faces(NamedTuple):
 
 
 def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Join equal faces among the listed outward faces ``vertices[offsets[k]:offsets[k + 1]]`` of cells."""
+    """Join equal faces of different cells; the arguments are the fields of `FaceLists`, with outward normals."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -63,7 +63,7 @@ def list_faces(faces: Faces) -> FaceLists:
 
 
 def signs_of(faces: Faces) -> Floats:
-    """Return, in the order of `cell_faces`, 1 where the stored normal of the face points out of the cell, else -1."""
+    """Return 1 where the normal of a face points out of the cell, else -1, in the order of `cell_faces`."""
     return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
 
 
@@ -100,7 +100,7 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Return coordinates (m, 3) of points: two in the plane of the given face, and the height above this plane."""
+    """Return coordinates (m, 3) of points along the axes of the given faces; the third is the height above the face."""
     arms, axes = places - shapes.centroids[faces], axes_in_planes(shapes)
     return np.asarray(np.einsum("mai,mi->ma", axes[faces], arms))
 
@@ -130,7 +130,7 @@ def _divide_rows(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# outward faces; vertices are numbered around the bottom, counter-clockwise seen from above, and then around the top
+# Outward faces. Vertices are numbered around the bottom, then around the top, counter-clockwise seen from above.
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),

@@ -1,9 +1,8 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-If nodes of different bodies are at most the tolerance apart, they move to the node of the first of these bodies. A node
-within the tolerance of an edge of another body becomes a vertex inside this edge. If the edge belongs to an earlier
-body, the node first moves onto the edge. In space, boundaries can coincide in planes, or where both bodies have the
-same nodes: see :mod:`.overlay`.
+Nodes of different bodies within the tolerance move to the node of the first body. A node within the tolerance of an
+edge of another body becomes a vertex inside this edge; if the edge belongs to an earlier body, the node first moves
+onto the edge. In space, both bodies need the same nodes on curved boundaries, but not in planes: see :mod:`.overlay`.
 """
 
 from __future__ import annotations
@@ -66,16 +65,16 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies.
-        Nodes of the later body move to the earlier body. Polygons with edges of length h, inscribed in one circle of
-        radius R, are up to h^2 / (8 R) apart.
+        Nodes of the later body move to the earlier body. If both bodies approximate a circle of radius R by edges of
+        length h, give h^2 / (8 R).
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The cells and nodes body by body; new nodes last. ``mesh.interfaces`` maps names to `Interface`. The boundary
-        "left" of the body "lower" is called "lower.left", without its part on interfaces. Cell data are zero on other
-        bodies. The cell datum "body" numbers the bodies from 0. The name of a body is also a cell datum, 1 on its
-        cells and 0 elsewhere: ``Elasticity(..., on="lower")``.
+        Cells and nodes are in the order of the bodies; new nodes are last. ``mesh.interfaces`` maps names to
+        `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on interfaces.
+        Cell data are zero on other bodies. The cell datum "body" numbers the bodies from 0. Each body has a cell datum
+        of its name, 1 on its cells and 0 elsewhere, for ``Elasticity(..., on="lower")``.
 
     Raises
     ------
@@ -95,7 +94,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the origin of each boundary piece: a position in all old boundaries."""
+    """Return the mesh of :func:`bodies`, and the old number of each edge or face of its boundary."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -148,7 +147,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Group nearby nodes of different bodies, and return the first node of each node's group, or raise MeshError."""
+    """Group nearby nodes of different bodies; return for each node the first node of its group."""
     nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -167,7 +166,7 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 def _match_in_plane(
     apart: PolygonMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolygonMesh, Ints, Ints, Ints]:
-    """Insert the nodes of each body into coinciding edges of the others; return what `overlay_tilings` returns."""
+    """Insert the nodes of each body into coinciding edges of other bodies; for the result see `overlay_tilings`."""
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
@@ -179,7 +178,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, and nodes (q,) to insert into boundary edges (q,), in their order along each edge."""
+    """Return the moved points, the nodes (q,) to insert, in order along edges, and the numbers (q,) of these edges."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -188,14 +187,14 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # keep, for each node and each body without a node there, the nearest edge of the body
+    # a node enters only bodies that have no node at its place, and of each body the nearest edge
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # one edge per node: the edge of the first body
+    off = off[np.unique(node[off], return_index=True)[1]]  # a node moves to one edge only: the edge of the first body
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     points[node[off]] = shapely.get_coordinates(meeting)[::2]
     points = points[place]
@@ -207,7 +206,6 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
 def _by_name(
     names: tuple[str, ...], body: Ints, sides: Sequence[Ints], interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
-    """Return interfaces by name; `sides` are those of :func:`coinciding_sides`."""
     named = {}
     for name, given in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
         are_two = isinstance(given, (tuple, list)) and len(given) == 2
@@ -234,7 +232,6 @@ def _by_name(
 
 
 def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
-    """Raise MeshError if bodies overlap or leave a narrow gap, or moved nodes make a cell invalid."""
     try:
         check_cells(mesh.points, mesh.offsets, mesh.vertices)
     except MeshError as error:
@@ -247,7 +244,6 @@ def _check_apart(names: tuple[str, ...], mesh: PolygonMesh, body: Ints) -> None:
 
 
 def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError:
-    """Return the error for two bodies that overlap, touch without an interface, or are hardly apart near a point."""
     a, b = (names[number] for number in sorted(pair))
     point, edge, cure = "a point", "edges", "give tolerance=, the largest distance between them"
     if len(at) == 3:
@@ -261,7 +257,6 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
 
 
 def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: Ints, place: Ints) -> None:
-    """Raise MeshError if bodies overlap, or leave a narrow gap or a pocket."""
     of_face = body[mesh.face_vertices[mesh.face_offsets[:-1]]]
     width = NARROW_BETWEEN_BODIES * float((np.abs(mesh.volumes) / mesh.diameters**2).min())
     free = mesh._boundary[mesh._outer]
@@ -285,7 +280,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
         inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    # opposite faces of two bodies at a pocket: all their nodes coincide, but the faces do not match
+    # at a pocket, opposite faces of two bodies do not match, although all nodes of these faces coincide
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))
@@ -296,12 +291,12 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
-    """Return cell data of all bodies (zero where a body has none), body numbers, and a mask of each body."""
+    """Return the cell data of all bodies, with zeros where a body has none, body numbers, and a mask of each body."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # in a file, this set became the body
+                continue  # this set of a file names the body; its mask is added below
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

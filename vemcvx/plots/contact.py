@@ -1,7 +1,7 @@
-"""Contact in the plane along a line: friction and its bounds, stick, slip, pressure, wear.
+"""Pictures of contact along a line, for plane bodies: friction, stick, slip, pressure and wear.
 
-The position on the line is x_1 or x_2 if all contact nodes lie along this axis. Else the position is the arc length of
-:mod:`vemcvx.results.arc`, one piece of contact after the other. A node owns half of each of its edges.
+The position on the line is x_1 or x_2 if all contact nodes lie along this axis, else the arc length of
+:mod:`vemcvx.results.arc`; pieces of contact follow each other. A node owns half of each contact edge at the node.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class ContactLine:
         return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:
-        """Return components along the line, in the order of the line, of vectors (..., m, 2) at contact nodes."""
+        """Return the components along the line of `vectors` (..., m, 2) at contact nodes, in the order of the line."""
         return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
     @property
@@ -56,7 +56,7 @@ class ContactLine:
         return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
 
     def spans(self, chosen: Bools) -> Floats:
-        """Return the intervals (k, 2) that the nodes `chosen` (m,) own together; nodes are in the order of the line."""
+        """Return the intervals (k, 2) of the line that the nodes `chosen` (m,) own; adjacent intervals are joined."""
         starts = chosen & ~np.append(False, chosen[:-1])
         starts[self.gaps] |= chosen[self.gaps]
         ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
@@ -65,7 +65,7 @@ class ContactLine:
     def finish(
         self, ax: Axes, y: str, title: str, units: Units, ends: tuple[float, float], size: str = "medium"
     ) -> Figure:
-        """Set labels, title, legend and the window of axes along the line, and return their figure."""
+        """Set labels, title, legend and window of the axes, and return the figure."""
         whole = (self.limits.min(), self.limits.max())
         label_axes(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
         canvas.legend_below(ax)
@@ -99,7 +99,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
 
 
 def require_contact(history: Results, picture: str) -> Contact:
-    """Return the contact of a history; raise HistoryError if it has no nodes."""
+    """Return the contact of a history; raise HistoryError if there are no contact nodes."""
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     return history.contact
@@ -108,7 +108,7 @@ def require_contact(history: Results, picture: str) -> Contact:
 def friction_traction(
     history: Results, step: int | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the friction traction on the body and its bounds +-g at a stored step: nodes slip at +-g, and stick between.
+    """Draw the friction traction on the body at a stored step, with its bounds +-g, at which nodes slip.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def friction_traction(
     Returns
     -------
     matplotlib Figure
-        The line is the traction; blue areas stick and hatched orange areas slip.
+        The line is the traction. Nodes stick in blue areas, and slip in hatched orange areas.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
     colours = canvas.distinct([colour for _, colour, _ in STATES])
-    # Gaps between columns, which no node owns, stay blank.
+    # No node owns the gaps between columns: they stay blank.
     drawn = np.insert(states, range(1, states.shape[1]), np.nan, axis=1)
     ax.pcolormesh(line.limits.ravel(), edges, drawn, cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:
@@ -227,7 +227,7 @@ def list_steps(history: Results, picture: str) -> Ints:
 
 
 def directions(history: Results, line: ContactLine) -> Floats:
-    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions; one row per stored step > 0."""
+    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions, NaN if open; one row per step > 0."""
     contact = history.contact
     against = line.along(contact.traction)
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
@@ -274,7 +274,7 @@ def along_contact(
     show : {"pressure", "slip", "wear"}
         The pressure or the slip at the instants of the steps, or the friction work per length up to these instants.
     steps : int or sequence of int, optional
-        Stored steps, at most four; by default ``history.telling(4)``: the peak, turns of the motion, and the last step.
+        Stored steps, at most four; by default ``history.telling(4)``: the peak, reversals, and the last step.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Rows of contact: conditions at nodes, on the displacement of a node or on its jump to a node of another body.
+"""Rows of contact: conditions on displacements u at nodes, or on jumps of u between two bodies.
 
-A row is n . u(i) at a node i against an obstacle, or n . (u(i) - u(j)) at nodes i and j of two bodies. The outward
-normal n is that of the first body; rows along tangents have a tangent in place of n. The *ends* of a row at node i are
-the sides of its part of the boundary that contain i, each with the integral of the basis function of i.
+A row is n . u(i) at a node i against an obstacle, or n . (u(i) - u(j)) for a node i and its *partner* j on another
+body. The *jump* is u(i) or u(i) - u(j), and n the outward normal at i; some rows have a tangent in place of n. The
+*ends* of a row are the contact edges or faces at i; an end has the integral of the basis function of i as length.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
-    """Return the nodes (m,) of the rows of all parts in turn, and the partner (m,) of each node; -1 if it has none."""
+    """Return the nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
 
 
 def repeat_by_row(parts: Sequence[ContactSurface | Support], numbers: Sequence[int]) -> Ints:
-    """Return the entry of `numbers` (parts,) for each row of all parts in turn."""
+    """Return ``numbers[k]`` for each row of the k-th part, one part after the other."""
     return np.repeat(np.array(numbers, dtype=np.int64), [len(part.nodes) for part in parts])
 
 
@@ -40,19 +40,19 @@ def slices_of(parts: Sequence[ContactSurface | Support]) -> list[slice]:
 
 
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
-    """Return a number (m,) for each pair of node and partner, ascending with the node; no node exceeds `largest`."""
+    """Return a number (m,) for each pair (node, partner), ascending with the node; partners are at most `largest`."""
     return nodes * (largest + 2) + partners + 1
 
 
 def distinct_pairs(nodes: Ints, partners: Ints) -> tuple[Ints, Ints]:
-    """Return the first row of each pair of node and partner, ordered by node, and the pair (m,) of each row."""
+    """Return the first row of each pair (node, partner), in ascending order, and the number (m,) of each row's pair."""
     numbers = pair_numbers(nodes, partners, int(partners.max(initial=0)))
     _, first, pair = np.unique(numbers, return_index=True, return_inverse=True)
     return first, pair
 
 
 def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
-    """Return the matrix (m * q, n_u) of d . jump, for q directions d (m, q, dim) per row."""
+    """Return the matrix (m * q, n_u) from u to d . jump, for q directions d (m, q, dim) per row."""
     m, q, dim = directions.shape
     columns = np.repeat(nodes[:, None] * dim + np.arange(dim), q, axis=0).ravel()
     indptr = np.arange(0, m * q * dim + 1, dim)
@@ -65,7 +65,7 @@ def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -
 
 
 def build_summation(group: Ints, count: int) -> sp.csr_matrix:
-    """Return the matrix (count, k) that sums rows (k, ...) by their `group`, a number below `count`."""
+    """Return the matrix (count, k) that adds up rows with the same number in `group` (k,)."""
     return sp.csr_matrix((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
 
 
@@ -73,11 +73,11 @@ def build_summation(group: Ints, count: int) -> sp.csr_matrix:
 class ContactRows:
     """Contact rows of a scene's surfaces, frictions and obstacles, in one table."""
 
-    nodes: Ints  # (m,) the node on which each row acts; the opposite force acts on its partner
-    partners: Ints  # (m,) nodes of other bodies; -1 where a row depends on one node only
+    nodes: Ints  # (m,) the node i of each row
+    partners: Ints  # (m,) the partner j of each row, or -1
     normals: Floats  # (m, dim) outward unit normals
-    ends: sp.csr_matrix  # (m, e) the half edge lengths of the ends of each row
-    names: Ints  # (e, 2) the node of each end, and the other node of its edge; -1 if the part has no `ends`
+    ends: sp.csr_matrix  # (m, e) the lengths of the ends of each row
+    names: Ints  # (e, 2) the node i of each end, and the other node of the edge, or -1
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
@@ -104,10 +104,10 @@ class ContactRows:
         picked = {name: column if name == "names" else column[rows] for name, column in self.columns.items()}
         return ContactRows(**picked)
 
-    def owners(self, of: Ints) -> Ints:
-        """Return, for each end (e,), the entry of `of` (m,) for the row that has this end; -1 if there is none."""
+    def owners(self, values: Ints) -> Ints:
+        """Return for each end (e,) the value (m,) of the row with this end; -1 without such a row."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
-        found[each.col] = of[each.row]
+        found[each.col] = values[each.row]
         return found
 
     @property
@@ -121,13 +121,13 @@ class ContactRows:
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     def find(self, rows: ContactRows) -> Ints:
-        """Find for each of the k `rows` the row of this table with the same node and partner; -1 if there is none."""
+        """Return for each of the k `rows` the row of this table with the same node and partner, or -1."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
         return find_in(known, wanted)
 
     def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
-        """Return the matrix (m * q, n_u) of d . jump, for q directions d (m, q, dim) per row."""
+        """Return `jump_rows` of this table."""
         return jump_rows(self.nodes, self.partners, directions, points)
 
     def normal_rows(self, points: Floats) -> sp.csr_matrix:
@@ -135,7 +135,7 @@ class ContactRows:
         return self.matrix(self.normals[:, None, :], points)
 
     def merge(self, first: Ints, group: Ints) -> ContactRows:
-        """Return one row per group, with the node and normal of its `first` row; shared ends count once."""
+        """Return one row per group, with node and normal of its `first` row; an end of several rows counts once."""
         each, (count, width) = self.ends.tocoo(), (len(first), self.ends.shape[1])
         key, place = np.unique(group[each.row] * width + each.col, return_inverse=True)
         length = np.zeros(len(key))
@@ -143,16 +143,16 @@ class ContactRows:
         ends = sp.csr_matrix((length, np.divmod(key, max(width, 1))), shape=(count, width))
         return replace(self[first], ends=ends)
 
-    def shares(self, of: ContactRows) -> sp.csr_matrix:
-        """Return the matrix (m, r) that distributes forces on rows of another table, `of`, over rows of this table."""
-        common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
-        return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
+    def shares(self, other: ContactRows) -> sp.csr_matrix:
+        """Return the matrix (m, r) that distributes forces on rows of another table over the rows of this table."""
+        common = sp.csr_matrix((self.ends > 0).astype(float) @ other.ends.T)
+        return sp.csr_matrix(common @ sp.diags_array(1.0 / other.lengths))
 
 
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of equal pair, kind and normal (up to the sign); return first rows, and the term of each row."""
+    """Merge rows of equal pair, kind and +-normal into terms; return each term's first row, and each row's term."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
@@ -170,9 +170,9 @@ def merge_terms(
 
 
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
-    """Replace a contact normal by a nearly parallel direction of a support or an earlier part at the same node, if any.
+    """Replace contact normals by nearly parallel directions of supports or earlier parts at the same node.
 
-    Supports that hold a node fully are left out: their coordinate axes would change the normal of an inclined floor.
+    Supports that hold a node fully do not count: their coordinate axes would change the normal of an inclined floor.
     """
     if not parts:
         return []
@@ -191,5 +191,5 @@ def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> lis
 
 
 def along(tangents: Floats, vectors: Floats) -> Floats:
-    """Return the components (k * (dim - 1),) of vectors (k, dim) along each row's tangents (k, dim - 1, dim)."""
+    """Return the tangential components of vectors (k, dim), row by row, as one array."""
     return np.einsum("kbd,kd->kb", tangents, vectors).ravel()

@@ -1,18 +1,18 @@
 """Supports: the free unknowns, and the displacement that supports prescribe.
 
-Supports prescribe A u = g(t), one row per node (or pair of nodes) and direction. Elimination gives
+Supports prescribe A u = g(t), with one row per direction at a node or at a pair of nodes. Elimination gives
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-where y are free unknowns, and u_D = H g is prescribed. Nodal reactions R are equivalent to forces H'R on the rows of A.
+with the free unknowns y and the prescribed displacement u_D = H g. Nodal reactions R = A'f have the row forces f = H'R.
 
-Supports with patterns M, such as the motions of a rigid part, prescribe A u = g(t) + M c with unknown amplitudes c.
-Then u = P y + H g + (H M) c. The columns of H M, made orthonormal, become the last columns of P.
+A support with patterns M, such as the motions of a rigid part, prescribes A u = g(t) + M c with unknown amplitudes c.
+Then u = P y + H g + (H M) c, and orthonormal columns that span H M become the last columns of P.
 
-Nodes joined by rows, directly or through other nodes, form a *site*; every other node is a separate site. At each site
-Gram-Schmidt makes an orthonormal frame: first from prescribed directions, then from normals of bilateral contact, then
-from normals of friction and obstacles, then from coordinate axes. Directions of the first two kinds are held; others
-are columns of P. So no two friction terms share an unknown, and sticking is exact.
+Nodes that rows connect form a *site*; every other node is a separate site. At each site Gram-Schmidt makes an
+orthonormal frame: first from prescribed directions, then from normals of bilateral contact, then from normals of
+friction and obstacles, then from coordinate axes. Directions of the first two kinds are held; the others are columns of
+P. So each friction term has its own unknowns, and a solver can set its slip to exactly zero.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Supports:
     points: Floats
     given: Sequence[Support]  # the supports whose rows make up A, in this order
     A: sp.csr_matrix  # (s, n_u) the prescribed components
-    H: sp.csr_matrix  # (n_u, s) A times column j is 1 in row j, else 0; the column is zero if row j is dependent
+    H: sp.csr_matrix  # (n_u, s) A H = I; column j is zero if row j depends on earlier rows
     depends: Bools  # (s,) True for rows that depend on earlier rows
-    reach: Floats  # (s,) the length of each row's component orthogonal to earlier rows
+    reach: Floats  # (s,) the distance of each row from the span of earlier rows
     amplitudes: int = 0  # number of amplitudes among the free unknowns; they come last and belong to no site
 
     @cached_property
@@ -60,14 +60,14 @@ class Supports:
 
     @cached_property
     def moved(self) -> Ints:
-        """The numbers of the nodal values at nodes that supports move, ascending."""
+        """The nodal values at nodes that supports move, as ascending numbers."""
         dim, moving = self.points.shape[1], repeat_by_row(self.given, [s.value is not None for s in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
     @cached_property
     def linked(self) -> Ints:
-        """The site (n_nodes,) of every node; sites that move with the same amplitude have the same number."""
+        """The site (n_nodes,) of every node, where sites that move with one amplitude count as one site."""
         count, last = len(self.points), self.P.shape[1] - self.amplitudes
         entries = self.P[:, last:].tocoo()
         links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
@@ -83,7 +83,7 @@ class Supports:
         return self.P.T @ f
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Return rows @ P, the rows over the free unknowns; entries near 0, 1 and -1 become exactly these numbers."""
+        """Return rows @ P, where entries near 0, 1 and -1 become exactly these numbers."""
         B: sp.csr_matrix = rows @ self.P
         B.data[np.abs(B.data) < SAME] = 0.0
         unit = np.abs(np.abs(B.data) - 1.0) < SAME
@@ -92,7 +92,7 @@ class Supports:
         return B
 
     def free_directions(self, corners: Ints, side: Ints) -> Floats:
-        """Return projectors (b, dim, dim) onto the free directions of sides; node `corners[i]` is on side `side[i]`."""
+        """Return projectors (b, dim, dim) onto the free directions of sides; `corners[i]` is a node of `side[i]`."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
         rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]
@@ -103,7 +103,7 @@ class Supports:
         freedom = np.zeros((int(side.max(initial=-1)) + 1, dim, dim))
         np.add.at(freedom, side, own[place])
         values, vectors = np.linalg.eigh(freedom)
-        # A direction is held if the freedom of all corners in this direction adds up to less than 1e-9.
+        # `freedom` adds up the projectors of corners. Directions with eigenvalues of at most 1e-9 are held.
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     @cached_property
@@ -119,12 +119,11 @@ class Supports:
         return read_only(motion)
 
     def _check(self, motion: Floats, each: Sequence[Floats], t: float) -> None:
-        """Raise SceneError if the value of a dependent row differs from the value that earlier rows impose."""
         present, size = self.A @ motion, np.abs(motion).max(initial=0.0)
         for support, wanted, rows in zip(self.given, each, slices_of(self.given), strict=True):
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
-            # `reach` allows for the component of a nearly dependent row that is orthogonal to earlier rows.
+            # Nearly dependent rows are only near the span of earlier rows: `reach` allows for the distance.
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
@@ -149,7 +148,7 @@ def check_off_axis(surfaces: Sequence[ContactSurface]) -> None:
 
 
 def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle]) -> None:
-    """Raise SceneError where contact or friction acts on an interface that a support with patterns bonds."""
+    """Raise SceneError where contact or friction acts on a bonded interface."""
     for bond in (support for support in holds if support.patterns is not None and support.partners is not None):
         ends = pairs_of([bond])
         for other in (*holds, *others):
@@ -163,14 +162,14 @@ def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle])
 
 
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
-    """Choose the frame of every site and split it into held and free directions."""
+    """Return the supports, with held and free directions at every site."""
     dim, given = points.shape[1], by_precedence(supports)
     pairs, across = pairs_of(given), pairs_of(normals)
     site = _sites(np.append(pairs[0], across[0]), np.append(pairs[1], across[1]), len(points))
     directions = np.concatenate([points[:0], *(support.directions for support in given)])
     axes = np.concatenate([points[:0], *(part.normals for part in normals)])
     A = jump_rows(*pairs, directions[:, None], points)
-    # At a site of several nodes, rows of tangents follow the row of the normal.
+    # At a site of several nodes, tangents follow each normal.
     N = jump_rows(*across, np.concatenate([axes[:, None], tangents_of(axes)], axis=1), points)
     follow = (np.arange(N.shape[0]) % dim == 0) | np.repeat(np.bincount(site)[site[across[0]]] > 1, dim)
     at_site = np.append(site[pairs[0]], np.repeat(site[across[0]], dim)[follow])
@@ -198,7 +197,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
 def _split_sites(
     site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
-    """Return P without amplitudes, H, the site of each column of P, and `depends` and `reach` of prescribed rows.
+    """Return P (without amplitudes), H, the site of each column of P, and `depends` and `reach` of prescribed rows.
 
     Row i is at the site `at_site[i]`; the first `count` rows are prescribed, the others are normals and tangents.
     """
@@ -223,7 +222,7 @@ def _split_sites(
         frame, axis_of, length = _frames(own)
         depends[rows[:, :prescribed]], reach[rows[:, :prescribed]] = axis_of[:, :prescribed] < 0, length[:, :prescribed]
         place, row = np.nonzero(axis_of[:, :prescribed] >= 0)
-        # Free axes are orthogonal to all rows, and therefore to the columns of the inverse.
+        # Rows replace axes in `matrix`. Free axes are orthogonal to rows, and so to columns of the inverse.
         matrix, axis = frame.copy(), axis_of[place, row]
         matrix[place, axis] = own[place, row]
         inverse = np.linalg.inv(matrix)[place, :, axis]
@@ -247,7 +246,7 @@ def _split_sites(
 def _span_amplitudes(
     given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
 ) -> sp.csr_matrix:
-    """Return orthonormal columns (n_u, k) that span H M, the motions of nodes under unit amplitudes of supports."""
+    """Return orthonormal columns (n_u, k) that span H M, the nodal motions for unit amplitudes."""
     each = [np.zeros((len(s.nodes), 0)) if s.patterns is None else s.patterns for s in given]
     M = block_diag(np.zeros((0, 0)), *each)
     if M.shape[1] == 0:
@@ -264,7 +263,7 @@ def _span_amplitudes(
             f"contradicts the free motions of {loose}. Prescribe there the motion of the rigid part (motion= of "
             "Rigid), or keep other supports and bilateral contact off its nodes."
         )
-    # Unlike Householder QR, Cholesky QR, done twice, keeps the motions of different parts exactly separate.
+    # Cholesky QR, done twice, keeps motions of different parts exactly separate; Householder QR does not.
     for _ in range(2):
         motions /= np.linalg.norm(motions, axis=0)
         motions = motions @ np.linalg.inv(np.linalg.cholesky(motions.T @ motions)).T
@@ -272,7 +271,7 @@ def _span_amplitudes(
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
-    """Return the site of every node (n_nodes,), numbered in the order of their first nodes."""
+    """Return the site of every node (n_nodes,); sites are numbered in the order of their first nodes."""
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
@@ -283,7 +282,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield the nodes (S, .), rows (S, .) and number of prescribed rows per site, for each group of like sites."""
+    """Yield, for S sites with equal counts of nodes and rows: nodes (S, n), rows (S, k), number of prescribed rows."""
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
     begin, held = np.searchsorted(at_site[order], sites), np.bincount(where[:count], minlength=len(sites))
@@ -295,10 +294,10 @@ def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Itera
 
 
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
-    """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt.
+    """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt; coordinate axes complete a frame.
 
-    Return also two arrays (S, k): the axis that each row gave (-1 if the row depends on earlier rows), and the length
-    of the row's component orthogonal to earlier rows. Coordinate axes complete a frame: axis-aligned frames stay exact.
+    Return also the axis (S, k) that each row gave, or -1 if the row depends on earlier rows, and the distance (S, k) of
+    the row from the span of earlier rows.
     """
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)

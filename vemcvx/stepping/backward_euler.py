@@ -1,18 +1,16 @@
 """March through time by backward Euler, (2.34) of the paper: one certified convex program per step.
 
-A step is posed for the increment d_n = y_n - y_{n-1}, with the unbalanced force g_n = load_n - K y_{n-1}. This force is
-carried along, g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n), so that increments keep their digits if steps are tiny
-compared with y. A step that misses the accuracy is solved again, with a smaller target.
+The unknown of a step is the increment d_n = y_n - y_{n-1}, under the force g_n = load_n - K y_{n-1}. To keep the digits
+of tiny increments, g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
 
-Dashpots add the form b(u', v) to a(u, v); its matrix is A_b for displacements u = P y + u_D, and C for unknowns y. In a
-step of length k, K + C/k replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
+Dashpots add a form b(u', v) to a(u, v). The form b has the matrix A_b in displacements u = P y + u_D, and C in unknowns
+y. In a step of length k, K + C/k replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 
-Errors are relative to the largest energy norm of the states so far. While all states count as zero, errors are relative
-to the largest energy norm that the data could cause: a load f causes |K^{-1}f|_K without contact and friction. A state
-counts as zero if its norm is only rounding, or at most `accuracy` times this reference.
+Errors are relative to `scale`, the largest energy norm of the states so far; or to `size`, if `scale` is rounding or at
+most `accuracy` times `size`. The `size` is the largest energy norm that data could cause: |K^{-1}f|_K for a load f.
 
-A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. The jump of this
-step plus its certified error bounds the distance from such a state, and is the certificate of step 0.
+A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. For a given u_0,
+|jump of this step| + (error of this step) bounds the distance to a state that obeys (2.1): the certificate of step 0.
 """
 
 from __future__ import annotations
@@ -87,7 +85,7 @@ class PosedStep:
     program: StepProgram
 
     def solve(self, n: int) -> State:
-        """Return the certified state after step `n`; raise SceneError if nothing balances the load on K's kernel."""
+        """Return the certified state after step `n`; raise SceneError if nothing balances the load."""
         when = f"step {n} at t = {self.data.t:.6g}"
         try:
             state = self._at_rest() or self._solve()
@@ -99,7 +97,6 @@ class PosedStep:
         return state
 
     def _at_rest(self) -> State | None:
-        """Return the unchanged state if the data of the step are negligible; else None."""
         program, before, accuracy = self.program, self.before, self.run.solver.accuracy
         if not program.size <= min(SMALLEST_NORM, accuracy * before.unit(accuracy)):
             return None
@@ -109,7 +106,7 @@ class PosedStep:
         return self.state_after(Answer(d, lam, 0, "nothing pushes", p=p), certificate)
 
     def _solve(self) -> State:
-        """Return the solved state; solve again with a smaller target if it misses the accuracy relative to |u_n|."""
+        """Solve the step; if the state misses the accuracy, solve again with a smaller target."""
         size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
         state = self._certify(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
@@ -121,7 +118,7 @@ class PosedStep:
         return replace(best, iterations=state.iterations + other.iterations)
 
     def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
-        """Make the answer of `solve` admissible, and return the certified state after it."""
+        """Return the certified state after the answer of `solve`, made admissible."""
         program, law = self.program, self.law
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
@@ -182,7 +179,7 @@ class PosedStep:
         return replace(after, ledger=ledger, scale=scale, size=size)
 
     def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
-        """Return True (m,) if s_i may be zero within the certificate: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
+        """Return True (m,) where the exact slip may be zero: |s_i| <= f_i^{1/2} (error), with flexibilities f_i."""
         operators = self.program.operators
         if operators.count == 0:
             return np.zeros(0, dtype=bool)
@@ -195,14 +192,14 @@ class PosedStep:
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
-    """Pose the step from `before` to `now`; by default, weights `w` (m,) are those for the pressures of `before`."""
+    """Pose the step from `before` to `now`; by default, weights `w` (m,) follow from the pressures of `before`."""
     norms, damping, k = run.system.norms, run.system.damping, now.t - before.t
     if w is None:
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
-    if run.system.kernel is not None:  # K y does no work on the kernel: remove the rounding of earlier forces.
+    if run.system.kernel is not None:  # K y does no work on the kernel: g is the load there.
         g = run.condensation.balance(g, now.force.phi)
     if damping is not None and damping.motion is not None and k > 0:
         g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
@@ -214,20 +211,20 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
-    """Return the largest energy norm that ground moving by g_i can cause, with flexibilities f_i of terms.
+    """Return the largest energy norm that motions g_i of the ground under terms with flexibilities f_i can cause.
 
-    This is max_i |g_i| / f_i^{1/2} if a body follows the ground, but at most sum_i w_i f_i^{1/2} by friction forces.
+    A body that follows the ground has max_i |g_i| / f_i^{1/2}; friction forces cause at most sum_i w_i f_i^{1/2}.
     """
     if ground is None:
         return 0.0
     root, motion = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
-    # Rows of zeros have no flexibility.
+    # Rows of zeros have the flexibility 0.
     far = np.divide(motion, root, out=np.where(motion > 0, np.inf, 0.0), where=root > 0)
     return float(min(far.max(initial=0.0), w @ root))
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
-    """Return the state after step `n` from `before` to `t`. A checked run raises NotCertified for a missed accuracy."""
+    """Return the state after step `n` to the instant `t`; checked runs raise NotCertified if it misses the accuracy."""
     state = pose_step(run, before, StepData.evaluate(run.condensation, t)).solve(n)
     if run.check:
         require_certified(run, state, n)
@@ -242,7 +239,7 @@ def prepare(
     linear: LinearSolver | None = None,
     shortest: float = np.inf,
 ) -> PreparedRun:
-    """Prepare a run, whose shortest step has the length `shortest`; raise SceneError for settings of wrong types."""
+    """Prepare a run with steps of at least the length `shortest`; raise SceneError for settings of wrong types."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -288,9 +285,9 @@ def march(
     times : increasing sequence of N + 1 instants
         times[0] is the initial instant.
     solver : Solver, or object with solve(program, target), optional
-        By default Direct without norm terms and limits, else Newton.
+        By default Direct if there are no norm terms and no limits, else Newton.
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
-        None: zero. Array: these unknowns. "equilibrium": K y = load(t_0), no friction. "settled": one step from zero.
+        None: y = 0. Array: y. "equilibrium": K y = load(t_0), without friction. "settled": one step from y = 0.
     store : "all", "last", int or sequence of int
         States to store: all, the last, every n-th and the last, or the states of given steps and the last.
     check, condense, linear
@@ -313,7 +310,7 @@ def march(
     NotCertified
         A step misses the requested accuracy.
     HistoryError
-        The folder of `storage` contains another run, or the rows have no room.
+        The folder of `storage` contains another run, or has no room for arrays.
 
     Examples
     --------
@@ -351,7 +348,7 @@ def march(
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
-    """Limit BLAS to one thread inside the block, unless the matrices of steps are large and dense."""
+    """Limit BLAS to one thread inside the block, unless steps have large dense matrices."""
     unknowns = len(system.retained) if condense else system.n
     return one_thread(unknowns if linear.eliminates else 0)
 
@@ -367,7 +364,7 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state y with K y = `force` (n,), equal to `near` (n,) on K's kernel. If `settle`, a step follows."""
+    """The state y with K y = `force`, and y = `near` on the kernel of K; if `settle`, one step from y follows."""
 
     force: Floats
     near: Floats
@@ -376,7 +373,7 @@ class Balanced:
 
 @dataclass(frozen=True, eq=False)
 class Continued:
-    """The end of another run: the unknowns y (n,), the ledger of its losses and slips, and its work."""
+    """The end of another run: the unknowns y (n,), the losses and slips `past`, and the work."""
 
     y: Floats
     past: Ledger
@@ -384,13 +381,8 @@ class Continued:
 
 
 Beginning = ArrayLike | str | Balanced | Continued | None
-"""None (zero), unknowns (n,), "equilibrium", "settled", a balance of forces, or the end of another run."""
-
-START_TOLERANCE = 1e-6
-"""A given initial state violates (2.1) if a step at times[0] moves it by more than this part of the energy norm."""
-
-WARNING_RATIO = 3.0
-"""We warn if a step from P^h u_0 exceeds this multiple of the distance between P^h u_0 and nodal values of u_0."""
+START_TOLERANCE = 1e-6  # A given state violates (2.1) if one step moves it by more than this part of the energy norm.
+WARNING_RATIO = 3.0  # We warn if one step moves P^h u_0 farther than this multiple of |P^h u_0 - nodal values of u_0|.
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
@@ -419,7 +411,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
                 "friction at the first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
-            # If nothing holds the stresses of P^h u_0, they relax to rounding: keep the norm of P^h u_0 as a reference.
+            # Stresses of P^h u_0 may relax to rounding: keep the norm of P^h u_0 as a reference of errors.
             return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
     if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
@@ -427,14 +419,13 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         if jump <= ROUNDING * max(loads):
             return settled
         refuse_start(run, given, settled, jump / scale if scale > 0 else np.inf)
-    # The distance from a state that obeys (2.1) is at most the jump plus the error of the settled state.
+    # A state that obeys (2.1) is at most jump + (error of the settled state) away.
     away = settled.certificate.away(jump + settled.certificate.error)
     start = replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away)
     return _begin_history(run, start, given.ledger)
 
 
 def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floats:
-    """Return the unknowns (n,) at the beginning, before a step to settle."""
     n = run.system.n
     if initial is None or (isinstance(initial, str) and initial == "settled"):
         return np.zeros(n)
@@ -459,7 +450,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
-    """Return the state after one step at the same instant, certified in full; it equals `given` if (2.1) holds."""
+    """Return the state after one step at the same instant, certified in full; with (2.1), this is `given`."""
     posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
     settled = certify_in_full(run, posed.solve(0))
     if check:
@@ -468,7 +459,7 @@ def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
 
 
 def _begin_history(run: PreparedRun, state: State, past: Ledger) -> State:
-    """Return the state as the beginning of a history: with zero slips, and with the losses and work of `past`."""
+    """Return the state with zero slips, and with the losses and work of `past`."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

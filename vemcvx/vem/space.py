@@ -1,8 +1,8 @@
 """The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`: displacements of the nodes of a mesh.
 
 On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So the values
-at vertices determine the function. :mod:`vemcvx.vem.projection` describes traces on faces of polyhedra. In dim
-dimensions, component a of node i is the unknown dim i + a.
+at vertices determine the function. For polyhedra see :mod:`vemcvx.vem.projection`. Component a at node i is the unknown
+dim * i + a.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Space:
     ----------
     mesh : Mesh
     mirrors : MirrorPlanes or None
-        Planes of symmetry. A curve of contact that ends on a plane continues as its mirror image.
+        Planes of symmetry. A contact curve that ends on such a plane continues as its mirror image.
     axisymmetric : bool
         True for a body of revolution, where all integrals are over the full turn, with the weight 2 pi r.
 
@@ -52,7 +52,7 @@ class Space:
 
     @property
     def n_unknowns(self) -> int:
-        """The number n_u of nodal values before any support, dim n_nodes."""
+        """The number n_u = dim * n_nodes of nodal values, before any support."""
         return self.mesh.points.size
 
     @property
@@ -72,13 +72,13 @@ class Space:
 
     @property
     def incidences(self) -> tuple[Ints, Ints]:
-        """The cells (k,) and the nodes (k,) of all pairs of a cell and one of its nodes, ordered by cell."""
+        """All pairs (cell, node) of a cell and its nodes, ordered by cell, as two arrays (k,)."""
         offsets, nodes = self.mesh.cell_nodes
         return cell_of_corner(offsets), nodes
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
-        """All pairs of a connected piece of the mesh and one of its nodes, as arrays of pieces (k,) and nodes (k,)."""
+        """All pairs (piece, node) of a connected piece of the mesh and its nodes, as two arrays (k,)."""
         mesh, (cell, node) = self.mesh, self.incidences
         label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
@@ -86,7 +86,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return a matrix (p, n_nodes): row point[k] evaluates Pi v of cell[k] at x[point[k]], other rows are zero."""
+        """Return the matrix (p, n_nodes) from v to Pi v at x; cell[k] contains x[point[k]], and other rows are zero."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -100,7 +100,7 @@ class Space:
         return total
 
     def require_plane(self, subject: str, instead: str) -> None:
-        """Raise SceneError on polyhedra: `subject` is for plane bodies only; `instead` suggests an alternative."""
+        """Raise SceneError in space, where `subject` is not available; `instead` names an alternative."""
         plane_mesh(self.mesh, subject, instead)
 
     def refuse_revolution(self, subject: str) -> None:
@@ -156,7 +156,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the part with these names and, if it has interfaces, the part of second bodies there; see `part`."""
+        """Return the part with these names, and on interfaces also the part on second bodies."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -168,7 +168,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for each node (m, 2) that only one cell contains; on interfaces, one cell of the first body."""
+        """Return True for each node (m, 2) in only one cell; on interfaces, in only one cell of the first body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -178,7 +178,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return, for each vertex of each side in turn, the node of the second body there, -1 outside interfaces."""
+        """Return the node of the second body at each vertex of each side; -1 outside interfaces."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

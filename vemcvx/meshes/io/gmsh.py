@@ -1,6 +1,6 @@
-"""Gmsh files, .msh: meshio reads points and cells; we read the names and members of physical groups.
+"""Gmsh files, .msh: meshio reads points and cells; we read physical groups.
 
-meshio keeps only one group per name and one group per entity. It fails if an entity is in no group (Mesh.SaveAll).
+meshio keeps one group per name and one per geometrical entity, and fails if an entity is in no group (Mesh.SaveAll).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _without(data: bytes, section: bytes) -> tuple[bytes, bytes]:
 
 
 def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Mapping[Group, list[int]]:
-    """Return the physical groups of each geometrical entity, (dimension, number) -> numbers of groups."""
+    """Return the numbers of the physical groups of each geometrical entity (dimension, number)."""
     words, at = [] if binary else section.split(), 0
 
     def take(kind: str, count: int) -> list[Any]:
@@ -85,7 +85,7 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
         for _ in range(count):
             (tag,) = take("i4", 1)
             take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the bounding box
-            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative if reversed
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # reversed groups: negative
             if dim:
                 take("i4", take(size, 1)[0])  # the bounding entities
     return groups

@@ -28,8 +28,7 @@ from vemcvx.meshes.polygons import polygon_centroids
 
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
 KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
-HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])
-"""Positions, in scikit-fem's order, of the vertices of a hexahedron around its bottom, then around its top."""
+HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])  # Vertices in scikit-fem, around the bottom, then around the top.
 
 
 def from_skfem(mesh: Any) -> Grid:
@@ -52,7 +51,7 @@ def from_skfem(mesh: Any) -> Grid:
 
 
 def to_skfem(mesh: AnyTessellation) -> Any:
-    """Return a mesh of scikit-fem, without interfaces and cell data other than zeros and ones."""
+    """Return a mesh of scikit-fem; interfaces, and cell data that are not 0 or 1, are left out."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells
@@ -79,7 +78,7 @@ def from_pyvista(data: Any) -> Grid:
         raise MeshError("it has no cells.")
     grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
     values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
-    grid.clear_data()  # a VTK file does not keep all names of data
+    grid.clear_data()  # a VTK file does not keep all names; `values` and `fields` do
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         grid.save(file)
@@ -104,13 +103,13 @@ MESHES = {("meshio", "Mesh"), ("skfem", "Mesh"), ("pyvista", "DataSet")}
 
 
 def convert(other: Any) -> AnyTessellation | Any:
-    """Convert an object of another library to a mesh; the method `to` of a mesh is the inverse.
+    """Convert an object of another library to a mesh; ``mesh.to(library)`` is the inverse.
 
     Parameters
     ----------
     other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Cell sets of lines (in space: polygons), physical groups and named boundaries name the boundaries. Subdomains
-        and sets of other cells become cell data of 0 and 1.
+        Named boundaries, physical groups and sets of lines (in space: of polygons) become boundaries. Subdomains and
+        other sets of cells become cell data of 0 and 1.
 
     Returns
     -------

@@ -185,6 +185,8 @@ def test_invalid_interfaces_are_refused():
     ):
         with pytest.raises(vx.MeshError, match=subject):
             PolygonMesh(mesh.points, mesh.cells, interfaces={"a|b": wrong})
+    with pytest.raises(vx.MeshError, match="the interface of 'b' and 'a' has two names"):
+        bodies({"a": squares(2), "b": squares(2, NEXT_DOOR)}, {"one": ("a", "b"), "two": ("b", "a")})
 
 
 @mostly_long("family", EVERY, "voronoi", "triangles", "tetrahedra")

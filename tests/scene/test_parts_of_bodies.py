@@ -168,3 +168,10 @@ def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees
 def test_straight_sides_across_a_line_of_symmetry_keep_their_normals_bit_for_bit(angle):
     mesh = moved(vx.meshes.squares(4), rotation(angle))
     assert np.array_equal(normal_at_the_end(mesh, vx.Symmetry(on=["left", "right"])), normal_at_the_end(mesh))
+
+
+def test_a_symmetry_on_a_straight_side_and_a_curve_gives_the_straight_side_the_normals_of_the_whole_body():
+    mesh = slope(10.0)
+    lift = np.where(mesh.points[:, 1] > 1 - 1e-9, 0.1 * mesh.points[:, 0] ** 2, 0.0)
+    bent = moved(mesh, np.eye(2), np.column_stack([0 * lift, lift]))
+    assert normal_at_the_end(bent, vx.Symmetry(on=["left", "top"])) == pytest.approx([0.0, -1.0], abs=1e-15)

@@ -56,6 +56,19 @@ def test_two_stages_equal_one_run(name, tmp_path):
             )
 
 
+def test_wear_continues_if_the_next_mesh_names_the_bodies_of_an_interface_in_another_order():
+    boxes = {"low": ((0, 1), (0, 0.5)), "up": ((0, 1), (0.5, 1))}
+    turned = {name: vx.meshes.squares(2, box=box) for name, box in boxes.items()}
+    turned = vx.meshes.bodies(turned, interfaces={"low|up": ("up", "low")})
+    scene, times = pulled(LAWS["Coulomb"]), np.linspace(0.0, 2.0, 5)
+    first = vx.simulate(scene, MESH, times[:4])
+    one, other = (vx.simulate(scene, mesh, times[3:], initial=first).contact for mesh in (MESH, turned))
+    at = np.argsort(one.points[:, 0]), np.argsort(other.points[:, 0])
+    for what in ("wear", "accumulated_slip"):
+        values, found = (getattr(contact, what)[-1, k] for contact, k in zip((one, other), at, strict=True))
+        assert found == pytest.approx(values, abs=1e-6 * values.max())
+
+
 def test_wrong_continuations_are_refused():
     scene, times = pulled(LAWS["Coulomb"]), np.linspace(0.0, 1.0, 5)
     first = vx.simulate(scene, MESH, times)

@@ -210,6 +210,8 @@ def _by_name(
     for name, given in check_mapping(interfaces, "bodies: interfaces", "pairs of bodies").items():
         are_two = isinstance(given, (tuple, list)) and len(given) == 2
         pair = tuple(map(str, given)) if are_two else (brief(given),)
+        if frozenset(pair) in named:
+            raise MeshError(f"bodies: the interface of {' and '.join(map(repr, pair))} has two names; give it one.")
         named[frozenset(pair)] = check_name(name), pair
     first, second = (body[side[:, 0]] if len(side) else body[:0] for side in sides)
     found = {}

@@ -95,11 +95,10 @@ class Contact(ArrayRecord):
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return, for each row, the position of its node and partner in the arrays; -1 if they are no contact."""
+        """Return, for each row, the position of its two nodes, in either order, in the arrays; -1 if there is none."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
-        return find_in(
-            pair_numbers(self.nodes, self.partners, largest), pair_numbers(rows.nodes, rows.partners, largest)
-        )
+        each = ((one.nodes, one.partners) for one in (self, rows))
+        return find_in(*(pair_numbers(np.maximum(*pair), np.minimum(*pair), largest) for pair in each))
 
     @property
     def has_friction(self) -> bool:

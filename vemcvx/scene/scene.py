@@ -117,10 +117,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     """Return each effect with its contribution; in planes of symmetry, contact has the normals of the whole body."""
     parts = [(effect, effect.contribute(space)) for effect in effects]
     planes = [
-        support
-        for effect, part in parts
-        if isinstance(effect, (Symmetry, MaterialLaw)) and not part.curves
-        for support in part.supports
+        support for effect, part in parts if isinstance(effect, (Symmetry, MaterialLaw)) for support in part.supports
     ]
     if not planes:
         return parts

@@ -9,12 +9,11 @@ mesh. It is refined until it is nowhere coarser than the finest uniform mesh. Th
 are refined twice.
 
 An adaptive run starts from a coarse mesh and one time step; the table has the seconds of all its passes. We try several
-targets for each uniform run. The table has the adaptive run with the fewest unknowns among those that are at least as
-accurate as the uniform run. The column "limit" has the number of cells of the best mesh, divided by the number of
-uniform cells. The best mesh has no stretched cells, and all of its cells have the same error. Suppose that a cell of
-the area |K| has the error e_K = sqrt(c) |K|, where c is a function of the place. The sum S of all e_K is then the
-integral of sqrt(c) on every mesh. The best mesh of n cells has the errors e_K = S / n and the total error
-E = S / sqrt(n), so that n = S^2 / E^2.
+targets for each uniform run. The table has the smallest adaptive run that is at least as accurate as the uniform run.
+The column "limit" has the number of cells of the best mesh, divided by the number of uniform cells. The best mesh has
+no stretched cells, and all of its cells have the same error. Suppose that a cell of the area |K| has the error
+e_K = sqrt(c) |K|, where c is a function of the place. The sum S of all e_K is then the integral of sqrt(c) on every
+mesh. The best mesh of n cells has the errors e_K = S / n and the total error E = S / sqrt(n), so that n = S^2 / E^2.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ def run_adaptive(study, target):
 
 
 def reference(study, run, n):
-    """Return a run on the mesh of `run`, refined to cells no larger than those of `mesh(n)`.
+    """Return a run on the mesh of `run`, refined until no cell is larger than the cells of `mesh(n)`.
 
     Then the cells with the largest estimated errors are refined twice.
     """
@@ -132,7 +131,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return the uniform runs, pairs of uniform and adaptive runs, all adaptive runs, and the reference run."""
+    """Return uniform runs, triples (uniform run, adaptive run, its result), adaptive runs, and the reference run."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

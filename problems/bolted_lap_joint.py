@@ -1,10 +1,10 @@
 r"""Two lapped plates clamped by two bolts, in space: the joint slips at mu times the bolt tension, then the bolts bear.
 
-Each bolt goes through a hole in both plates; it fits the hole of the lower plate and has the clearance c in the upper
-hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is -delta t,
-because turning the nuts shortens the shank between head and nut by delta. Then the end of the upper plate is moved
-along x. Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the walls
-of the upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
+Each bolt goes through a hole in each plate. The bolt fits the hole of the lower plate and has the clearance c in the
+upper hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is
+-delta t, because turning the nuts shortens the shank between head and nut by delta. Then the end of the upper plate is
+moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the
+walls of the upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
@@ -99,13 +99,13 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return the instants: up to t = 1 a fifth of the steps, but at least one, then the other steps."""
+    """Return the instants: a fifth of the steps (at least one) end by t = 1, the other steps follow."""
     first = max(1, steps // 5)
     return np.append(np.linspace(0.0, 1.0, first + 1), np.linspace(1.0, 2.0, steps - first + 1)[1:])
 
 
 def forces_on_upper_plate(history):
-    """Return the forces of lower plate, heads and collars on half the upper plate, (3, S, 3)."""
+    """Return three forces on half the upper plate at each instant: of the lower plate, the heads and the collars."""
     contact = history.contact
     friction = contact.traction * contact.friction_lengths[:, None]
     force = friction - contact.pressure[:, :, None] * (contact.lengths[:, None] * contact.normals)

@@ -85,7 +85,7 @@ def times(steps):
 
 
 def measure_sinking(history):
-    """Return the largest sinking of the base at every step; with squares, all of the base sinks alike."""
+    """Return the largest sinking of the base at every step; on squares the base stays straight and level."""
     base = history.mesh.points[:, 1] == 0.0
     return -history.displacement[:, base, 1].min(axis=1)
 

@@ -57,7 +57,7 @@ STYLE = {
 
 @cache
 def problem_files():
-    """Return the names of all problem files of this folder; they define mesh, and either scene and times, or stages."""
+    """Return the names of the problem files of this folder: files that define mesh, and scene and times or stages."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
@@ -139,7 +139,7 @@ def write_page(folder):
 
 
 def main(names, folder):
-    """Draw the problems of these names, all by default, and print a line for each."""
+    """Draw the named problems, or all problems if there are no names, and print a line for each."""
     folder.mkdir(parents=True, exist_ok=True)
     known = [*problem_files(), *PROGRAMS]
     for name in names or known:

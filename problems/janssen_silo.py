@@ -9,7 +9,7 @@ bound mu K s along the whole wall. The equilibrium of a slice of height dz at th
 $$ B ds / dz = w B - \mu K s, \qquad s = w l (1 - \exp(-z / l)), \qquad l = B / (\mu K), $$
 
 in place of s = w z without friction. The pressure on the wall is K s, and the wall at x = B carries w B H - B s(H). The
-formula assumes that slices stay plane. Friction shears them, so that the stresses of the formula have an error
+formula assumes that slices stay plane. Friction shears the slices, so the stresses of the formula have an error
 O((B / l)^2). Within about B of the floor the filling cannot settle, and friction on the wall is below its bound.
 
     vemcvx run problems/janssen_silo.py --n 4 --steps 4 --plot

@@ -46,7 +46,7 @@ def times(steps):
 
 
 def stress_near_corner(history):
-    """Return distance to the corner and von Mises' stress of cells on the bisector, up to about 0.2 from the corner."""
+    """Return distances to the corner (up to about 0.2) and von Mises' stresses of the cells on the bisector."""
     arm = history.mesh.centroids - np.array([0.5, 0.5])
     # Along the bisector of the body's angle the singular stress depends only on the distance to the corner.
     near = (np.abs(arm[:, 0] - arm[:, 1]) < 1e-9) & (arm[:, 0] > -0.15)

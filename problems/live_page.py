@@ -102,7 +102,7 @@ def solve(problem, mesh, settings, path, solver):
 
 @app.function
 def pictures(history, step, course, units=None):
-    """Return the pictures of a step, each (name, figure, caption), without pictures for which there are no data."""
+    """Return those pictures of a step for which there are data, each as (name, figure, caption)."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [
@@ -154,7 +154,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # Labels make a body of fixed shape smaller, which moves the labels. After one pass some labels are cut off.
+        # Labels reduce the space for a body of fixed shape, which moves the labels. A second pass places them again.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words

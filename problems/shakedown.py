@@ -4,16 +4,17 @@ A block (0, L) x (0, H) with the shear modulus G lies on a rough floor, from whi
 grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. `vx.shakedown` computes,
 without steps, the largest factor of the amplitude for which slip stops. For three cycles this factor has a closed form.
 
-*The top moves* between 0 and U. Friction per length then changes by G U / H. Earlier slip may add constant friction
-forces, which shift this range. The range must fit between -g_0 and g_0, the bounds of the weakest point. The factor is
+*The top moves* between 0 and U. Friction per length then runs through a range of the width G U / H. Earlier slip may
+add constant friction forces, which shift this range. The range must fit between -g_0 and g_0, the bounds of the weakest
+point. The factor is
 
 $$ 2 g_0 H / (G U) . $$
 
 *The top moves in space* along a circle of the radius R, and the bound is g. Friction runs through a circle of the
 radius G R / H, which must fit into the disc of the radius g. The factor is g H / (G R).
 
-*The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so that the added forces
-balance each other. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
+*The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so the sum of the added
+forces is zero. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
 
 By Melan's theorem, added forces give a lower bound of the factor. By Koiter's theorem, a cycle of slips gives an upper
 bound. The run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive
@@ -108,7 +109,7 @@ def space_mesh(n, family="cubes"):
 
 
 def times(steps):
-    """Return instants with two steps a cycle."""
+    """Return the instants; a cycle has two steps."""
     return 0.5 * np.arange(steps + 1)
 
 

@@ -10,8 +10,8 @@ $$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
-Three systems (K, load, Norms) follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and
-j(v) = sum_i w_i |v_i|, and its solution is a sum of weighted plays.
+Three systems follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. Its
+solution is a sum of weighted plays.
 
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Spring j has the stiffness k_j. Block i slides on
@@ -85,7 +85,7 @@ def turning_instants(force, turns=TURNS):
 
 
 def play(r, x):
-    """Return plays with half widths r that start at zero; rows of x and of the plays belong to instants."""
+    """Return plays of the input x, one column for each half width in r and one row per instant; plays start at zero."""
     r = np.atleast_1d(r)
     p = np.zeros((len(x), len(r)))
     for n in range(1, len(x)):

@@ -1,8 +1,8 @@
 r"""A strip held at one end on a belt that moves back and forth: partial slip, and the force of the hold.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
-x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. In the rod model, u is the displacement. The rod
-slips over a length l next to the hold, where friction pulls it along, and beyond l it moves with the belt:
+x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. In the rod model, u is the displacement. Next to the
+hold, over a length l, the rod slips, and friction pulls the rod along. Beyond l the rod moves with the belt:
 
 $$
 E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),

@@ -12,7 +12,7 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages whose headings are not checked: a script makes those of the first, and those of the second are letters."""
+"""Pages whose headings are not checked: a script makes the search page, and the index has letters as headings."""
 
 
 def find_faults(site: Path) -> list[str]:
@@ -42,7 +42,7 @@ def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
 
 
 def _check_headings(page: BeautifulSoup) -> Iterator[str]:
-    """Yield a fault if the number of headings of the first level is not one, and a fault for each skipped level."""
+    """Yield a fault unless one heading has the first level, and a fault for each skipped level."""
     body = page.find("article") or page.find("main") or page
     levels = [int(tag.name[1]) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if levels.count(1) != 1:

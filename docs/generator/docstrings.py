@@ -39,7 +39,7 @@ def _translate(piece: re.Match[str]) -> str:
 
 
 def _refer(words: str, is_role: bool) -> str:
-    """Return a link if the words are a public name, or a member of a public name; else a literal."""
+    """Return a link to a public name or to a member of a public name, and a literal for other words."""
     first, _, member = words.removeprefix("vemcvx.").partition(".")
     target = words if words in OBJECTS else SHORT.get(first, SHORT.get(words.rpartition(".")[2] if is_role else ""))
     if target is None:

@@ -48,7 +48,7 @@ def solve_plain(name):
 
 
 def plain(history):
-    """Return the history of the solver of `history` in the units of the paper."""
+    """Return a run by the solver of `history`, but in the units of the paper."""
     return solve_plain(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 

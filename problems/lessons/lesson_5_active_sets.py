@@ -298,8 +298,8 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # of Newton's method alternate until the smallest gap is halved. A sure step begins where the last sure step ended; a
 # round of Newton's method begins at the result of the sure step.
 #
-# **Theorem.** The smallest gap tends to zero. *Proof.* If it is halved again and again, the claim holds. Otherwise
-# there is a round after which it is never halved, and sure steps go on for ever. They are the iterates of the
+# **Theorem.** The smallest gap tends to zero. *Proof.* If this gap is halved again and again, the claim holds.
+# Otherwise there is a round after which it is never halved, and sure steps go on for ever. They are the iterates of the
 # projected gradient, so their gap tends to zero, and the smallest gap is halved after all: a contradiction. $\square$
 
 

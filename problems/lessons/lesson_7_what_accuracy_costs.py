@@ -44,8 +44,8 @@ ramp, eight = block(lambda t: t), np.linspace(0.0, 1.0, 9)
 # %% [markdown]
 # ## 1. The mesh
 #
-# There is no closed form, so we compare with a finer mesh, 96 cells across. The orders of convergence, computed below,
-# show the error of this finer mesh. It is between a third and a half of the error of a mesh with 32 cells across.
+# There is no closed form, so we compare with a finer mesh, 96 cells across. With the orders of convergence below, the
+# error of this finer mesh is between a third and a half of the error of a mesh with 32 cells across.
 
 # %%
 reference = vx.simulate(ramp, vx.meshes.squares(96), eight, store="last")
@@ -75,7 +75,7 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 #
 # Squares. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles have as many nodes and an error of
 # 4.5 %. Voronoi meshes have 2046 nodes, because only three cells meet at a node; their error is 4.0 %. The error falls
-# roughly like one over the root of the number of nodes, so compare the products of error and root: 1.23, 1.48 and 1.81.
+# roughly like $1/\sqrt N$ with the number $N$ of nodes, so compare error times $\sqrt N$: 1.23, 1.48 and 1.81.
 #
 # </details>
 

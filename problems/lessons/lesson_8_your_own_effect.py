@@ -166,9 +166,9 @@ _figure
 # <details><summary>Answer</summary>
 #
 # Yes, they must. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows
-# down, so this velocity is less than the mean velocity of the step. In a step of backward Euler the remainder $p/M - U$
-# is divided by $1 + kM/c$, in the exact solution by $e^{kM/c}$, which is larger. So after every number of steps the
-# remainder of backward Euler is too large, and $U_n$ is too small.
+# down, so this velocity is less than the mean velocity of the step. A step of backward Euler divides the remainder
+# $p/M - U$ by $1 + kM/c$. In the exact solution the remainder is divided by $e^{kM/c}$, which is larger. So after every
+# number of steps the remainder of backward Euler is too large, and $U_n$ is too small.
 #
 # </details>
 #

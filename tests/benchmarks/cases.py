@@ -128,7 +128,7 @@ def assemble(mesh: vx.PolygonMesh) -> sp.csr_matrix:
 
 
 def measure_growth(sizes: list[int], linear: str) -> list[dict]:
-    """Measure 20 certified steps on finer and finer squares, each size in a new process with its own peak memory."""
+    """Measure 20 certified steps on finer and finer squares, each size in a new process."""
     given = {"steps": 20, "solver": "vx.Newton(accuracy=1e-8)", "linear": LINEAR[linear]}
     return [in_a_process(program(SIMULATE, n, **given)) for n in sizes]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """A measured ratio, in wall seconds and in CPU seconds: a busy machine changes wall seconds only."""
+    """A measured ratio, in wall seconds and in CPU seconds; a busy machine changes mainly wall seconds."""
 
     name: str
     seconds: float
@@ -33,7 +33,7 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Return the median seconds of each action; actions alternate, so that a drift of the machine affects all actions.
+    """Return the median seconds of each action. Actions alternate: a machine that slows down affects all actions.
 
     If repeats > 1, an uncounted round comes first, because the first use of memory takes as long as the work.
     """
@@ -49,7 +49,7 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 
 def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
-    """Run every program in new processes, in turn; return the median of each number that a program prints."""
+    """Run the programs in turn, each time in a new process; return the medians of the numbers that they print."""
     found: dict[str, list[dict]] = {name: [] for name in codes}
     for _ in range(repeats):
         for name, code in codes.items():

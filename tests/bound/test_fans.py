@@ -26,12 +26,12 @@ def fans(family="voronoi", lam=1.5, n=6):
 
 
 def edge_motion(one, field):
-    """Return the values of a field at both ends of the n outer edges of each of c cells, (c, 4 n)."""
+    """Return the values of a field at both ends of all outer edges, one row for each cell."""
     return np.stack([field(one.corners), field(np.roll(one.corners, -1, axis=1))], axis=2).reshape(len(one.cells), -1)
 
 
 def outline_of(one, field):
-    """Return the values of a field at the n vertices and the n middles of edges of each of c cells, (c, 4 n)."""
+    """Return the values of a field at vertices and at middles of edges, one row for each cell."""
     return field(one.outline).reshape(len(one.cells), -1)
 
 
@@ -81,7 +81,6 @@ def least_energy(one, k, u, force, lam):
 
 @mostly_long("lam", [1.5, 1e6])
 def test_linear_displacements_have_constant_strains_inside_cells(family, lam):
-    """For large lambda, rounding is measured as an energy: lambda times the squared error of strains."""
     for one in fans(family, lam):
         inner = inside(one, outline_of(one, linear), np.zeros((len(one.cells), 6)))
         error = np.abs(strains_at_stations(one, inner) - STRAIN).max()
@@ -106,7 +105,6 @@ def test_forms_enclose_the_least_energy_of_a_cell(lam):
 
 
 def test_cells_that_differ_in_the_last_bit_have_separate_matrices():
-    """The data of two kinds of cells differ, but the sums of the data are equal after rounding."""
     eps = np.finfo(float).eps
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + eps, 2.0 - 2 * eps]] * 40)
     rows = rows[np.random.default_rng(0).permutation(80)]

@@ -49,7 +49,7 @@ def call_here(function, *given):
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """Runs of a sweep stay in this process, which is faster."""
+    """Make the runs of a sweep in this process."""
     monkeypatch.setattr("vemcvx.cost.sweeping.call_safely", call_here)
 
 
@@ -97,12 +97,11 @@ def test_a_sweep_with_given_meshes_adapts_no_mesh(tmp_path):
     found = read_table(tmp_path)
     assert sorted((row["n"], row["steps"], row["target"]) for row in found) == [("2", "2", ""), ("4", "2", "")]
     assert "for 5 %: no run of this sweep is as good; the best is squares n = 4" in done.output
-    # The error of the reference itself is as large as these errors.
     assert "uncertain   errors below " in done.output
 
 
 def pose(point):
-    """Return the paper's scene; some names of solvers change the scene or cause failures."""
+    """Pose a run of the paper's scene that fails if the solver is called "kills", "raises" or "ill-posed"."""
     if point.solver == "kills" and point.n > 4:
         os.kill(os.getpid(), signal.SIGKILL)
     if point.solver == "raises":
@@ -161,9 +160,11 @@ def make_row(error, seconds, unknowns=10, **others):
 
 
 def test_no_run_is_better_than_a_run_on_the_front():
-    """The run of 4 s is left out, because it is hardly more accurate than the run of 3 s."""
     assert front([], "seconds") == []
-    seconds, errors = [3, 1, 2, 2, 4], [0.1, 0.5, 0.5, 0.2, 0.0999]
+    seconds, errors = (
+        [3, 1, 2, 2, 4],
+        [0.1, 0.5, 0.5, 0.2, 0.0999],
+    )  # the last run is hardly more accurate than the first
     found = [make_row(*pair) for pair in zip(errors, seconds, strict=True)]
     assert front(found, "seconds") == [found[1], found[3], found[0]]
 

@@ -20,7 +20,7 @@ OTHER_FIELDS = {
 
 
 def vectors(x, first, last):
-    """Return vectors with these components along the first and the last axis."""
+    """Return vectors at points x from their first and last components."""
     first, last = first + 0 * x[:, 0], last + 0 * x[:, 0]
     return np.column_stack([first, *(0.3 * first for _ in x.T[2:]), last])
 
@@ -247,9 +247,9 @@ OF_PROBLEMS = {
 
 
 ONE_OF_EACH_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
-"""One material, one load, one contact and one friction run by default; the other effects are long tests."""
+"""The effects that are tested by default: a material, a load, a contact and a friction."""
 SLOW = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
-"""Slow properties: each runs by default for only one of the effects in ONE_OF_EACH_KIND."""
+"""Ends of the names of slow tests; by default each of these tests runs for one effect only."""
 test_effects = long_cases(
     effect_suite({name: SAMPLES[name] for name in ONE_OF_EACH_KIND}),
     lambda case: case.endswith(SLOW) and not case.startswith("Traction" if "infinity" in case else "CoulombFriction"),

@@ -59,7 +59,6 @@ def crossed_squares(n):
 @mostly_slow("name", ["crossed squares", *FAMILIES])
 @pytest.mark.long
 def test_effectivity_on_the_paper_scene(name):
-    """On crossed squares, widths of cells are heights of triangles; .82 of these heights would be too small."""
     mesh = crossed_squares(8) if name == "crossed squares" else small(name, 8)
     truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
     history = vx.simulate(paper_scene(), mesh, np.linspace(0, 1, 17), store="last")

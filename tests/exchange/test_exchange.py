@@ -60,7 +60,7 @@ condensed = mostly_long("condense", [True, False])
 
 @cache
 def solve(name, condense=True):
-    """Return a step's program; the name "in space" gives an unsolved program with discs and a soft limit."""
+    """Return the solved program of a step, or for "in space" an unsolved program with discs and a soft limit."""
     if name != "in space":
         return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(3), TIMES, condense=condense))[1]
     rng = np.random.default_rng(0)
@@ -92,7 +92,7 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
-        # If K has a kernel, springs are added to K. A program from a file has other springs, and other rounding.
+        # If K has a kernel, springs are added to K. The program from the file has other springs and rounding errors.
         floor = program.certificate.floor
         assert back.bounds == (
             program.bounds if ours.kernel is None else pytest.approx(program.bounds, rel=0, abs=floor)

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the bo
 STEEL = vx.Elasticity(200.0, 0.3)
 CYCLE = np.arange(4) / 4
 GAP = 5e-9
-"""Bound on the gap, relative to the factor. `shakedown` reduces friction by 1e-10, so gaps up to 2e-9 occur."""
+"""Largest accepted gap between both bounds of the factor, relative to the factor; gaps up to 2e-9 occur."""
 
 
 def stretch(factor, dim=2):
@@ -36,7 +36,7 @@ def held(factor=1.0, bound=1.0):
 
 
 def pushed(factor=1.0, push=0.5, bound=1.0):
-    """Return the scene of a body under cyclic tractions and a constant push; only friction, at most 2, holds it."""
+    """Return the scene of a body under cyclic tractions and a constant push; only friction holds the body."""
     return vx.Scene(STEEL, vx.Traction((push, 0.0), on="bottom"), *stretch(factor), *floor(bound))
 
 
@@ -52,7 +52,7 @@ def run(scene, mesh, cycles=40):
 
 
 def check_bounds(found):
-    """Check Melan's conditions and Koiter's cycle by hand; the cycle must add up to zero or to a common slip."""
+    """Check Melan's conditions and Koiter's cycle; return the sum of its slips, which is equal at all nodes."""
     friction = np.linalg.norm(found.residual + found.factor * found.elastic, axis=2)
     assert (friction <= found.bounds * (1 + 1e-12)).all()
     assert (found.elastic * found.slips).sum() == pytest.approx(1.0)
@@ -105,7 +105,7 @@ def test_in_space_the_factor_is_the_smallest_ratio_of_bound_and_radius():
 
 @pytest.mark.parametrize("push", [0.0, 0.5, 0.9])
 def test_without_supports_the_factor_is_that_of_a_linear_program(push):
-    """The unknowns of the program are the factor, and constant forces that balance the push."""
+    """The unknowns of the linear program are constant forces, which balance the push, and the factor."""
     found = vx.shakedown(pushed(push=push), plane_mesh(), CYCLE)
     E, g = found.elastic[:, :, 0], found.bounds
     sides = [np.column_stack([sign * np.eye(len(g)), sign * e]) for e in E for sign in (1.0, -1.0)]
@@ -136,7 +136,7 @@ def test_beside_the_factor_slip_stops_or_goes_on(push):
 
 
 def test_only_changes_since_the_first_instant_are_multiplied():
-    """The cycle may begin anywhere; with a support, constant loads do not matter."""
+    """The factor does not depend on the instant where the cycle begins, nor, with a support, on constant loads."""
     mesh, load = plane_mesh(), vx.Traction((0.7, 0.1), on="right")
     factors = [vx.shakedown(held(), mesh, CYCLE + start).factor for start in (0.0, 0.25)]
     assert factors[0] == pytest.approx(factors[1], rel=1e-8)
@@ -172,7 +172,7 @@ def test_a_half_model_has_the_factor_of_the_whole():
 
 
 def test_nodes_without_friction_do_not_limit_the_cycle():
-    """Left of x = .4 the bound is zero: these nodes slip freely, and the factor is that of the rough nodes."""
+    """Nodes left of x = .4 have the bound zero, and slip freely."""
 
     def scene(factor):
         move = vx.PrescribedDisplacement(lambda x, t: [0.1 * factor * np.sin(2 * np.pi * t), 0.0] + 0 * x, on="top")

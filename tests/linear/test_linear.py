@@ -48,8 +48,8 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 @pytest.mark.skipif(peak_memory_mb() is None, reason="only Linux gives the peak memory of a process")
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_unused_factors_free_their_memory(linear):
-    """Peak memory does not grow from the 4th to the 12th factor. The old factor is held while a new one is made."""
-    # By default, the C library keeps a varying part of the memory that is freed.
+    """Peak memory does not grow from the 4th to the 12th factor."""
+    # By default, the C library keeps a part of the freed memory, and the size of this part varies.
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
     command = [sys.executable, "-c", MANY_FACTORS_SCRIPT.format(linear=linear)]
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)

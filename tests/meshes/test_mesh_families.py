@@ -90,7 +90,7 @@ def test_the_same_seed_gives_the_same_mesh(family):
 
 
 def count_cells_per_square(family):
-    """Return the number of cells over the number of equal squares: 2 for triangles, 1.9 for `hanging`."""
+    """Return the number of cells divided by n^2: 2 for triangles, 1.9 for `hanging`."""
     return round(FAMILIES[family]((40, 40)).n_cells / 1600, 1)
 
 
@@ -143,7 +143,7 @@ def test_hexagons_are_regular_where_they_fit():
     columns, rows = 6, 4
     mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
     whole = [cell for cell in mesh.cells if len(cell) == 6]
-    assert len(whole) == 2 * columns - 1  # one inner row has six hexagons, the other five and two halves
+    assert len(whole) == 2 * columns - 1  # one inner row has six hexagons, the other row has five
     for cell in whole:
         sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
         np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)
@@ -183,7 +183,7 @@ def measure_edges(mesh):
 
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
-    """In long boxes, edges between opposite sides are kept, however short, and the corners of the box remain."""
+    """In narrow boxes, edges across the box are kept although they are short. Corners are kept, too."""
     for width, options in ((5.0, {}), (1e-3, {"shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)
@@ -201,7 +201,7 @@ def test_voronoi_collapses_short_edges_by_default_and_evens_out_cells(seed):
     raw = meshes.voronoi(cells=400, seed=seed, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
     assert measure_edges(raw).min() * 20 < 0.02
-    assert mesh.areas.std() * 400 < 0.15  # for random seeds, the standard deviation is 0.53 of the mean
+    assert mesh.areas.std() * 400 < 0.15  # without evening out: 0.53
 
 
 def test_cubes_tetrahedra_and_truncated_octahedra_have_their_closed_forms():

@@ -23,7 +23,7 @@ def test_polygons_have_the_areas_centroids_and_diameters_of_closed_forms(offset)
         shift = np.array([offset, 2 * offset])
         points = np.array(corners, dtype=float) + shift
         mesh = PolygonMesh(points, [range(len(points))])
-        # Shifts by whole numbers are exact, so the area must keep all its digits; centroids are rounded once more.
+        # Shifts by whole numbers are exact, so areas do not change. Centroids are rounded once more.
         assert mesh.areas[0] == pytest.approx(area, rel=1e-15)
         np.testing.assert_allclose(mesh.centroids[0], np.array(centroid) + shift, rtol=4e-16, atol=4e-16)
         assert mesh.diameters[0] == mesh.h == pytest.approx(diameter, rel=1e-15)

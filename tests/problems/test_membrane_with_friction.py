@@ -52,14 +52,14 @@ def test_the_stiffness_reproduces_linear_functions(family):
 
 
 def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
-    """The integral of the plays is u. A closed loop whose pulls differ by dq loses height dq^3 / (12 bound)."""
+    """The integral of the plays is u. A closed loop between pulls q and q + D loses HEIGHT D^3 / (12 BOUND)."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
     u, _ = lesson.solve_table_exactly(x)
     T = play(lesson.BOUND * x, pull)[lesson.turning_instants(pull, lesson.TURNS)]
     middle = 0.5 * (T[:, 1:] + T[:, :-1])
     integral = np.cumsum(middle[:, ::-1], axis=1)[:, ::-1] * (x[1] - x[0])
-    # The slope of T jumps at two points; there the trapezoidal rule is off by the jump times step^2 / 8.
+    # The slope of T jumps at two points. There the trapezoidal rule has errors of (jump) * (step)^2 / 8.
     assert np.abs(u[:, :-1] - integral).max() < 2 * 2 * lesson.BOUND * (x[1] - x[0]) ** 2 / 8
     lost = lesson.table_dissipation((0, 1.5, -1.5, 1.5))
     assert lost[-1] - lost[1] == pytest.approx(lesson.HEIGHT * 3**3 / (12 * lesson.BOUND), rel=1e-14)
@@ -76,7 +76,7 @@ def test_energies_and_slip_zones_on_the_table_have_errors_of_first_order():
         _, friction = lesson.solve_table_exactly(mesh.points[posed.rough, 0])
         lam = trajectory.multipliers[at][:, :, 0]
         assert (np.abs(lam) <= lesson.BOUND * posed.measures * (1 + 1e-12)).all()
-        # Computed friction is wrong in bands around the ends of two zones. Exact friction jumps there by 2 g and by g.
+        # Exact friction jumps at the ends of two zones, by 2 g and by g. Near these jumps computed friction is wrong.
         misplaced = np.abs(lam - friction * posed.measures).sum(axis=1)
         assert (misplaced[1:] <= 3 * lesson.BOUND * lesson.HEIGHT * mesh.h).all()
         lost = lesson.table_dissipation()

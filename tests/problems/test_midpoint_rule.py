@@ -40,7 +40,7 @@ def test_both_rules_have_order_one_if_slip_begins_during_the_run(found):
 
 @pytest.mark.long
 def test_the_package_takes_the_steps_of_both_rules():
-    """A step of the midpoint rule is a half step of backward Euler, then a reflection: one convex program."""
+    """A step of the midpoint rule is a half step of backward Euler, followed by a reflection."""
     times = np.linspace(0, 2, 25)
     slider = vx.System(np.eye(2), rules.from_rest, vx.Norms(np.eye(2), [1.0], block=2))
     run = vx.march(slider, times, initial=rules.BEHIND)

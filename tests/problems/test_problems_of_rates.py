@@ -32,13 +32,12 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
     assert found.max() == pytest.approx(high)
     assert found[found.argmax() :].min() == pytest.approx(low)
     falls = run.times[1:][np.diff(found) < 0]
-    # As steps get shorter, the period tends to .02. The pad slips one step after its friction reaches its bound. So the
-    # period is longer by one step, .005.
+    # The pad slips one step (.005) after its friction reaches the bound.
     assert np.diff(falls) == pytest.approx(period + 0.005)
 
 
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
-    """The steps obey their closed form. Sinking and loss have errors O(k); the weight does all the work."""
+    """The sinking of steps has a closed form. The errors of sinking and loss are O(k)."""
     errors, mesh = [], support.mesh(3)
     mesh = mesh.with_cell_data("all", np.ones(mesh.n_cells))
     for steps in (50, 100):

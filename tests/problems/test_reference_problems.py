@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """On every mesh a block of weight G slips up the angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
-    # Each program of the fixed-point iteration may have a tenth of the requested error: Clarabel then needs polishing.
+    # Fixed-point iterations solve each program to a tenth of the requested error. Clarabel needs polishing for this.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")
@@ -86,8 +86,8 @@ def test_a_viscous_bar_creeps_as_kelvin_and_voigt_say():
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @mostly_long("asperities", [False, True], 1)
 def test_a_beam_on_winklers_foundation(asperities):
-    """Deflections are within two per cent of the slender beam; on asperities the ends lift off."""
-    # Springs much softer than the plate leave an imbalance of 1e-8 of the energy norm.
+    """Deflections differ by at most two per cent from the slender beam's. On asperities the ends lift off."""
+    # The springs are much softer than the plate: the certified error is then about 1e-8.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(winkler.scene(asperities), winkler.mesh(5), winkler.times(2), solver=solver)
     low = history.mesh.points[:, 1] == 0

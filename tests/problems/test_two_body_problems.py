@@ -62,10 +62,10 @@ def pressures(n, outer=None):
 
 @pytest.mark.long
 def test_a_press_fit_on_equal_meshes():
-    """Every nodal pressure is within one per cent of Lame's; pressures are uniform, and their error is O(h^2)."""
+    """Nodal pressures are uniform. Their error is less than one per cent of Lame's pressure, and is O(h^2)."""
     coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))
     assert np.abs(coarse - 1).max() < 0.01
-    # All sectors are alike, and the solve is certified to 1e-7 in energy.
+    # All sectors are alike, so pressures differ only because the solver stops at a certified error of 1e-7.
     assert np.ptp(coarse) < 1e-6
     assert 3.5 < np.abs(coarse - 1).max() / np.abs(fine - 1).max() < 4.5
 
@@ -82,15 +82,15 @@ def test_a_press_fit_on_meshes_that_do_not_match(n):
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 @pytest.mark.parametrize("cycles", [3, pytest.param(100, marks=pytest.mark.slow)])
 def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
-    """Steps are certified to 1e-8, the joint never slips as a whole, and the middle under the bolt does not wear."""
+    """The joint never slips as a whole, and the middle under the bolt does not wear."""
     history = vx.simulate(joint.scene(), joint.mesh(10), joint.times(4 * cycles), initial=joint.initial)
     assert history.certificate.max() < 1e-8
-    # Each step begins on the active sets of the step before and needs few linear systems, no convex program.
+    # Each step begins on the active sets of the step before, and needs few linear systems.
     assert history.iterations[1:].max() <= FEW_SETS
     assert history.contact.sticking.any(axis=1).all()
     added = np.diff(history.contact.wear[::4], axis=0)[1:]
     added /= added.max()
-    # Steps are certified to 1e-8 in energy. Wear is a sum of small slips: allow a hundred times this error.
+    # Wear is a sum of small slips: allow a hundred times the certified error, 1e-8.
     assert np.abs(added - added[0]).max() < 1e-6
     x = history.contact.points[:, 0] - joint.LENGTH / 2
     assert added[0][np.abs(x) < joint.BOLT / 4].max() < 0.01
@@ -100,7 +100,7 @@ def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
 def test_a_pad_brakes_a_disc():
-    """Pad and disc are in balance at each instant; a slipping pad gives the torque; wear is alike in each cycle."""
+    """Forces balance, a slipping pad has the torque `slip_torque`, and the last two cycles have equal wear."""
     history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
     assert history.certificate.max() < 1e-8
     assert history.iterations[1:].max() <= FEW_SETS
@@ -114,7 +114,7 @@ def test_a_pad_brakes_a_disc():
     assert -fy.sum(axis=1) == pytest.approx(2 * brake.RIM * np.sin(brake.ALPHA) * P, **near)
     slips = ~contact.sticking.any(axis=1)
     assert slips.sum() > history.steps / 2
-    # An elastic pad has not quite the pressure of a worn pad: the torques differ by at most 1.1 per cent on this mesh.
+    # The closed form has the pressure of a worn pad. Here the pad is elastic, and torques differ by up to 1.1 per cent.
     assert np.abs(torque[slips]) == pytest.approx(brake.slip_torque(P[slips]), rel=0.02)
     assert (np.diff(history.dissipated) >= 0).all()
     assert (np.diff(contact.wear, axis=0) >= 0).all()
@@ -132,7 +132,7 @@ def test_two_cylinders_have_the_pressure_of_hertz():
     half_width, peak = cylinders.hertz(force)
     assert fit_half_ellipse(x, p) == pytest.approx((half_width, peak), rel=0.02)
     assert p.max() == pytest.approx(peak, rel=0.02)
-    # The end of contact is exact to one cell of the coarser mesh.
+    # The error of the end of contact is less than a cell of the coarser mesh.
     assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)
 
 

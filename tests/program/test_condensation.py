@@ -18,7 +18,7 @@ TOUCHING = {"some": [3, 20, 7, 15], "none": [], "all": list(range(24)), "one bod
 @pytest.mark.parametrize("touching", TOUCHING)
 @mostly_long("shapes", [1, 3, 9], 0, 2)
 def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, linear):
-    """Two bodies have friction. A condensed run stores responses to at most six load shapes, so nine are too many."""
+    """The loads combine 1, 3 or 9 load shapes; a condensed run stores the responses to at most six."""
     rng = np.random.default_rng(0)
     A = np.where(rng.random((24, 24)) < 0.15, rng.random((24, 24)), 0.0)
     K = A @ A.T + np.eye(24)
@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """A hard and a soft chain have stiffnesses of 1e16 and 1, and loads of about t and 1e-15 t^2."""
+    """The stiffness and load are 1e16 and about t for one chain, and 1 and 1e-15 t^2 for the other chain."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0
@@ -67,6 +67,6 @@ def test_nested_dissection_permutes_and_reduces_fill():
         sp.linalg.splu(K[p][:, p], permc_spec="NATURAL", diag_pivot_thresh=0.0).nnz for p in (np.arange(n * n), order)
     )
     assert dissected < 0.8 * natural
-    # Points may coincide.
+    # All points coincide.
     order = order_by_nested_dissection(sp.csr_matrix(np.ones((200, 200))), np.zeros((200, 2)))
     assert np.array_equal(np.sort(order), np.arange(200))

@@ -15,7 +15,7 @@ from vemcvx.vem import Space
 from vemcvx.vem.elasticity import rigid_modes
 
 CELL = 64
-"""Number of rounding errors in an entry of a local matrix: sums over a dozen vertices, and products."""
+"""Bound on the number of rounding errors in an entry of a local matrix, which is a sum over about a dozen vertices."""
 
 
 @for_all(mesh=meshes(), data=st.data(), kind=st.sampled_from(("shear", "unit")))
@@ -87,14 +87,14 @@ ANGLES = st.one_of(st.just(0.0), st.floats(0, 2 * np.pi))
 
 @for_all(setting=settings_of_scenes(), angle=ANGLES, mirror=st.booleans(), renumber=st.booleans(), seed=SEEDS)
 def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
-    """u(Q x) = Q u(x) for every rotation and reflection Q, however nodes and cells are numbered.
+    """u(Q x) = Q u(x) for every rotation or reflection Q and every numbering of nodes and cells.
 
     Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
-    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). This changes
+    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). There are two effects:
 
-    - forces A u and f by c = kappa eps (M|u| + |f|); this changes u by |c|_{K^-1} in the energy norm;
-    - weights w by kappa eps w. Multiply one answer's multipliers by 1 - kappa eps: they are admissible in the other
-      program. The gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+    - Forces A u and f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy norm.
+    - Weights w change by kappa eps w. Multiply one answer's multipliers by 1 - kappa eps: they are admissible in the
+      other program. The gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
 
     Steps do not enlarge earlier errors, so these errors and the certified errors add up.
     """

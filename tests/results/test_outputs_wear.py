@@ -91,7 +91,7 @@ def test_viscous_dissipation_is_no_wear():
 
 
 def test_a_slider_on_a_spring_has_its_closed_form():
-    """Stiffness of the spring 2, friction bound 3: under the loads 5 and -5, 2 y = 5 - 3 and 2 y = -5 + 3."""
+    """The stiffness is 2 and the friction bound 3: 2 y = 5 - 3 under the load 5, and 2 y = -5 + 3 under the load -5."""
     load = lambda t: [5 * np.interp(t, [0, 1, 2], [0, 1, -1])]  # noqa: E731
     run = vx.march(vx.System([[2.0]], load, vx.Norms([[1.0]], 3.0)), [0.0, 0.5, 1.0, 1.5, 2.0])
     assert run.worn[:, 0] == pytest.approx([0.0, 0.0, 3.0, 3.0, 9.0], abs=1e-14)

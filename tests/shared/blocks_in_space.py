@@ -9,7 +9,7 @@ from vemcvx.scene import pose_scene
 
 
 def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
-    """Return the System of the unit cube with n cells per edge. Its right is clamped; traction(t) acts on its top.
+    """Return the System of the unit cube with n cells per edge. The right side is clamped; traction(t) acts on the top.
 
     Friction on the bottom is Tresca's with `bound`, or Coulomb's if `coefficient` is given.
     """

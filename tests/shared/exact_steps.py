@@ -101,7 +101,7 @@ def _multiply(A, B):
 
 
 def _project_out(K, N):
-    """Return P K P, where P projects out the columns of N: because of rounding, K N is not exactly zero."""
+    """Return P K P, where P projects out the columns of the kernel N. Without rounding errors P K P would be K."""
     gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -195,7 +195,7 @@ class Steps:
         """Return the exact step from the state `before` at `s` to `t`.
 
         `guess` = (d, lam, p), in the package's units, determines the first sets. `weights` replace the weights
-        of the system. `settled` means a step at one instant, without damping.
+        of the system. If `settled`, damping and prescribed slips are left out.
         """
         system, power, norms, limits = self.system, self.power, self.system.norms, self.system.limits
         load = np.asarray(system.load(t), dtype=float)

@@ -91,19 +91,19 @@ def test_moving_ground_equals_a_body_that_moves_the_other_way(kind):
 @mostly_long("way", [0.1, 100.0], 1)
 @mostly_long("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_body_on_a_belt_is_carried_along(way, solver):
-    """Only the belt holds the body, which moves with it without strains."""
+    """Only the belt holds the body. The body moves with the belt, without strains."""
     scene = vx.Scene(STEEL, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (way * t, 0.0)))
     history = vx.simulate(scene, small("voronoi", 4), TIMES, solver=solver)
     assert history.contact.sticking.all()
     carried = np.stack([way * TIMES, 0 * TIMES], axis=1)[:, None]
-    # The accuracy is relative to the energy norm that friction work can cause, the root of bound * way.
+    # The accuracy is relative to the root of the largest possible friction work, bound * way.
     assert np.abs(history.displacement - carried).max() < solver.accuracy * way
     assert history.dissipated[-1] < solver.accuracy * way
     assert history.energy.max() < solver.accuracy**2 * way
 
 
 def test_a_slider_on_a_belt_sticks_and_then_slips():
-    """A slider with friction w on a spring k follows a belt up to w / k. A belt motion U dissipates w (U - w / k)."""
+    """A slider with the bound w on a spring k sticks up to the motion w / k; the motion U dissipates w (U - w / k)."""
     k, w = 4.0, 2.0
     norms = vx.Norms(np.array([[1.0]]), [w], ground=lambda t: [t])
     times = np.linspace(0, 2, 9)

@@ -60,7 +60,7 @@ def test_overlapping_names_count_edges_once_in_any_order():
 
 
 def test_short_edges_on_an_inclined_side_make_no_corners():
-    """Rounding rotates an edge of length 1e-12 by up to 1e-4; its nodes have only the normal of the long edges."""
+    """Rounding rotates an edge of length 1e-12 by up to 1e-4; its nodes have the normal of the long edges."""
     direction = np.array([np.cos(0.3), np.sin(0.3)])
     on_side = [s * direction for s in (0.0, 0.5, 0.5 + 1e-12, 1.0)]
     space = make_polygon(*on_side, (0.0, 1.0))
@@ -91,7 +91,7 @@ def test_normals_of_a_regular_polygon_are_radial():
 
 @pytest.mark.parametrize("turns", [(0.1, 0.1), (0.1, 0.3), (0.02, 0.5)])
 def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_nodes(turns):
-    """The error is O(angle^3), plus a small fraction of the angle, because very short sides have smaller weights."""
+    """The error is O(angle^3). Smaller weights of very short sides add a small fraction of the angle."""
     angles = np.array([-0.5 * np.pi - turns[0], -0.5 * np.pi, -0.5 * np.pi + turns[1]])
     mesh = make_polygon(*np.column_stack([np.cos(angles), np.sin(angles)]), (0, 3)).mesh
     rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < -0.5)).part("base", "test").node_normals

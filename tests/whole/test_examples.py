@@ -18,7 +18,7 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_docstrings_run(name, tmp_path, monkeypatch):
-    """An example may use `np`, `vx` and, of a picture, a `history`; its files are written to a temporary folder."""
+    """Examples may use `np` and `vx`, and examples of `vemcvx.plots` a `history`; files go to a temporary folder."""
     monkeypatch.chdir(tmp_path)
     names = {"np": np, "vx": vx}
     if ".plots." in name:

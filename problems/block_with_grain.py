@@ -48,7 +48,7 @@ def top(t):
 
 
 def exact_solution(instants, grain=GRAIN):
-    """Return the shear gamma (N + 1,), the slip a (N + 1,) and stresses (N + 1, 3) at every instant."""
+    """Return the shear gamma, the slip a and the stresses (xx, yy, xy) at every instant."""
     C, (U, D) = elastic_matrix(grain), top(instants)
     e = D / HEIGHT
     high = e * (FRICTION * C[1, 1] + C[1, 2]) / (C[2, 2] + FRICTION * C[1, 2])

@@ -38,7 +38,7 @@ def constants(fibre=FIBRE):
 
 
 def outside(x, fibre=FIBRE):
-    """Return displacements (m, 2) and stresses (m, 3) in the matrix at the points x (m, 2)."""
+    """Return displacements and stresses in the matrix at the points x, one row per point."""
     (a, b, c, _), z, (E, nu) = constants(fibre), x[:, 0] + 1j * x[:, 1], MATRIX
     phi, first, second = PULL / 4 * z + a / z, PULL / 4 - a / z**2, 2 * a / z**3
     psi, slope = -PULL / 2 * z + b / z + c / z**3, -PULL / 2 - b / z**2 - 3 * c / z**4

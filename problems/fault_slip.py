@@ -25,7 +25,7 @@ def slip(x, t, drop=DROP):
 
 
 def stress_drop(history):
-    """Return places x (m,) along the fault, and the shear stress (S, m) that the fault has lost at these places."""
+    """Return places x along the fault, and the shear stress that the fault has lost there, one row per instant."""
     contact = history.contact
     return contact.points[:, 0], history.forces[:, contact.nodes, 0] / contact.lengths
 

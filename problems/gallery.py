@@ -7,10 +7,10 @@ Every picture has a palette of 256 colours, which makes its file small.
 
 This folder has two kinds of problem:
 
-- A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery it also defines a setting that runs
-  in seconds, SMALL = {"n": .., "steps": ..}, with "accuracy" if it is not 1e-8. Its picture(history) returns a
-  matplotlib figure of the history in this setting. Without SMALL the gallery takes n = 8 and 8 steps. Without
-  picture(history) it draws the deformed mesh.
+- A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery the file also defines a setting
+  that runs in seconds, SMALL = {"n": .., "steps": ..}, with "accuracy" if the accuracy is not 1e-8. Its function
+  picture(history) returns a matplotlib figure of a run in this setting. Without SMALL the gallery takes n = 8 and 8
+  steps. Without picture(history) the gallery draws the deformed mesh.
 - A *program* has a function main(path) that draws its own picture. `PROGRAMS` lists the quick programs.
 
 The picture of a problem is PROBLEM.png, drawn by matplotlib in the style `STYLE`. C0, C1, ... are the colours of

@@ -58,7 +58,7 @@ with app.setup:
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
     STEPS = 30  # with this number of steps, every path reverses at the end of a step
-    WIDTH, LETTERS = 4.0, 10  # width of pictures in inches, size of letters in points: 12 px in a picture of 346 px
+    WIDTH, LETTERS = 4.0, 10  # inches; points, which are 12 px if the picture is 346 px wide
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
 

@@ -96,7 +96,7 @@ def shift(K, size):
 
 u, lam, sides = active_sets(body, shift(body[0], 0.1))
 assert len(sides) <= 8
-# The certificate of the package does not depend on the method that found u and lam. Its floor is the rounding error.
+# The certificate of the package does not depend on the method that found u and lam. `floor` is its rounding error.
 certificate = step.certify(u, lam[:, None])
 assert certificate.gap <= 10 * certificate.floor
 print(f"{len(sides)} guesses; nodes that slip: {np.count_nonzero(sides, axis=1)}; gap {certificate.gap:.0e}")

@@ -59,7 +59,7 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 def in_a_process(code: str) -> dict:
     """Run code that sets a dictionary `out` in a new process; return `out` and the peak memory of the process in GB."""
-    # A process inherits ru_maxrss from its parent, so VmHWM is read instead.
+    # VmHWM is the peak of this process; ru_maxrss may be the peak of its parent.
     peak = (
         "\nimport json\n"
         "status = dict(line.split(':', 1) for line in open('/proc/self/status'))\n"

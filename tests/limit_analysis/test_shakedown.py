@@ -83,7 +83,7 @@ def test_with_supports_the_factor_is_the_smallest_ratio_of_bound_and_half_range(
 
 
 def smallest_radius(points):
-    """Return the radius of the smallest disc around points (T, 2), on two or three of them."""
+    """Return the radius of the smallest disc around points: two or three of the points are on its rim."""
     centres = [(a + b) / 2 for a, b in combinations(points, 2)]
     for a, b, c in combinations(points, 3):
         rows = 2 * np.array([b - a, c - a])

@@ -52,7 +52,7 @@ def linear(history, name):
 
 
 def opening(history, name):
-    """Return the openings of the lips (m,) along x and along y."""
+    """Return the relative displacements of the lips along x and along y."""
     contact, u = history.contact, history.displacement[AT[name]]
     return (u[contact.partners] - u[contact.nodes]).T
 

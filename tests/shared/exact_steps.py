@@ -34,7 +34,7 @@ STICKS = 0
 
 
 def fixed(values):
-    """Convert doubles (any shape) to integers times 2^-BITS; exact down to 2^-BITS."""
+    """Convert an array of doubles to fixed-point numbers: integers, in units of 2^-BITS, rounded down."""
     values = np.asarray(values, dtype=float)
     mantissa, exponent = np.frexp(values)
     whole, exponent = (mantissa * 2.0**53).astype(np.int64), exponent + (BITS - 53)
@@ -45,7 +45,7 @@ def fixed(values):
 
 
 def floats(values):
-    """Convert integers times 2^-BITS to the nearest doubles."""
+    """Convert an array of fixed-point numbers to doubles."""
     return np.array([np.ldexp(float(v), -BITS) for v in np.ravel(values)]).reshape(np.shape(values))
 
 

@@ -38,7 +38,7 @@ def gap(x, t):
 
 
 def solve_independently(points, cells, faces, body):
-    """Return displacements (S, n, 3) of the independent program; `faces` are the joint's triangles on both bodies."""
+    """Return the displacements at every instant; `faces` are the triangles of both bodies at the joint."""
     n = len(points)
     K = sp.csr_matrix((3 * n, 3 * n))
     for number in range(2):
@@ -78,7 +78,7 @@ def solve_independently(points, cells, faces, body):
 
 
 def simulate_blocks(n, contact, steps=TIMES, moved=top):
-    """Return the history of two blocks, and the nodes (k, 4) of all tetrahedra."""
+    """Return the history of two blocks, and the four nodes of each tetrahedron."""
     lower = vx.meshes.tetrahedra(n)
     upper = vx.meshes.tetrahedra(n, box=((0, 1), (0, 1), (1, 2)))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper})

@@ -1,8 +1,8 @@
 """Build the site: python docs/build.py DIR [--work FOLDER].
 
-First the lessons and the code of pages run; then Sphinx makes the pages, with MyST-NB, numpydoc and the theme furo.
-Unlike MkDocs, MyST-NB treats notebooks and code in pages alike, and Sphinx fails if a reference has no target.
-All these packages have BSD or MIT licences, MathJax has Apache 2.0. `docs/README.md` has the conventions for pages.
+The build first runs the lessons and the code cells of the pages. Sphinx then makes the pages, with MyST-NB, numpydoc
+and the theme furo. It fails if a reference has no target. These packages have BSD or MIT licences; MathJax has the
+licence Apache 2.0. `docs/README.md` has the conventions for pages.
 
 With --work, the build keeps sources and executed notebooks in FOLDER, and does not run unchanged code again.
 """
@@ -29,7 +29,7 @@ ROOT = HERE.parent
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
 PROCESSES = 2
-"""Number of kernels that run at the same time. Sphinx then runs in as many processes."""
+"""Number of kernels that run at the same time, and number of processes of Sphinx."""
 
 
 def report(task: str) -> None:

@@ -1,7 +1,8 @@
 r"""A ball in a socket, pressed from all sides and then pushed aside: the joint opens behind the ball.
 
-Both bodies lie below the plane x_3 = 0. Their meshes are lower halves of cubes of tetrahedra, inflated to half balls.
-Cells of both bodies have the same width at the joint, so that both approximate the sphere by the same polyhedron.
+Both bodies lie below the plane x_3 = 0. Each mesh begins as the lower half of a cube, cut into tetrahedra, and is then
+inflated to a half ball. At the joint, cells of both bodies have the same width, so that both meshes replace the sphere
+by the same polyhedron.
 
 Up to t = 1 both bodies are pressed from all sides by the pressure p, as in `cone_clutch.py`: the stress is -p I in both
 bodies, whatever the shape of the joint. Then the grip, the middle of the flat top of the ball, moves aside. The
@@ -27,7 +28,7 @@ SMALL = {"n": 2, "steps": 5, "accuracy": 1e-6}
 
 
 def uniform_compression(x):
-    """Return the displacement of a body in the stress -p at points x (m, 3)."""
+    """Return the displacements at points x (m, 3) under the stress -p I, with p = PRESSURE."""
     return -PRESSURE * (1 - 2 * POISSON) / YOUNG * x
 
 
@@ -52,10 +53,7 @@ def scene(friction=FRICTION, aside=ASIDE):
 
 
 def inflate_cube(n, size, hollow=False):
-    """Return tetrahedra of a half ball of the radius `size`: the lower half of a cube, inflated.
-
-    If `hollow`, the inner half ball of the radius `RADIUS` is left out.
-    """
+    """Return a half ball of the radius `size`; if `hollow`, without the inner half ball of the radius `RADIUS`."""
     made = vx.meshes.tetrahedra((2 * n, 2 * n, n), box=((-size, size), (-size, size), (-size, 0.0)))
     far, length = np.abs(made.points).max(axis=1), np.linalg.norm(made.points, axis=1)
     kept = np.flatnonzero(np.abs(made.centroids).max(axis=1) > (RADIUS if hollow else -1.0))

@@ -1,11 +1,12 @@
 """A bolted joint under cyclic load: slip wears it at the edges of the clamped zone. SI units.
 
-Two steel plates, 80 mm x 10 mm each in 40 x 10 cells, plane strain, lie on each other. Only a bolt clamps them
+Two steel plates in plane strain lie on each other; each has 80 mm x 10 mm and 40 x 10 cells. Only a bolt clamps them
 together: its pressure is 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped.
 The right end of the upper plate is guided along x. A force pulls and pushes this end; only Coulomb friction resists the
-force. A cycle has four steps: pulled, free, pushed, free. The largest force is 0.6 mu P with the force P of the bolt,
-so that the joint as a whole does not slip. At each instant the sum of the nodal friction forces equals the load up to
-rounding. From the second cycle on all cycles add the same wear (friction work per length).
+force. A cycle has four steps: pulled, free, pushed, free. With the force P of the bolt and the coefficient of friction
+mu, the largest force is 0.6 mu P, so that the joint as a whole does not slip. At each instant the sum of the nodal
+friction forces equals the load up to rounding. From the second cycle on all cycles add the same wear (friction work per
+length).
 
     vemcvx run problems/bolted_joint.py --n 10 --steps 40 --plot
 
@@ -62,7 +63,7 @@ def mesh(n, family="squares"):
 
 
 def times(steps):
-    """Return four steps per cycle."""
+    """Return the instants, with four steps per cycle."""
     return np.arange(steps + 1) / 4
 
 

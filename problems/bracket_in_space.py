@@ -15,9 +15,9 @@ sides far from the edge. The ends z = const slide in their planes. The exact str
 Cells at the distance r from the edge have the size h(r). Up to constants, the squared error is int r^(2a - 3) h^2 dr,
 and the number N of cells is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for
 h = c r^((4 - 2a) / 5). Then both integrals converge, because a > 1/3, and the error is N^(-1/3), as for smooth fields.
-Cells that are as short along the edge as across the edge suffice. At the same relative error d < 1, adaptive meshes
-have d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. We measured that adaptive meshes need .20
-times the nodes of equal cubes at d = 19 %, and .16 times at d = 17 %, although their cells are tetrahedra.
+So cells need not be longer along the edge than across it. At the same relative error d < 1, adaptive meshes have
+d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. We measured how many nodes adaptive tetrahedra
+need, relative to equal cubes: .20 at d = 19 %, and .16 at d = 17 %.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """
@@ -86,7 +86,7 @@ def relative_error(history):
 
 
 def adapt(target):
-    """Return the run on an adaptive mesh whose estimated error is the target, starting from 4 cubes along each arm."""
+    """Refine `tetrahedra(4)` until the estimated error is at most the target; return the last run."""
     return vx.adapt(scene(), tetrahedra(4), times(1), target).history
 
 

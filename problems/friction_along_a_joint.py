@@ -9,9 +9,9 @@ pulled end nothing slips, so that the measurements show only that g is large eno
 assumption: the second differences of g between knots are normally distributed, with the standard deviation `BEND`. This
 is the regularisation: the sum of squares gets the terms (second difference / BEND)^2.
 
-The band in the picture is the fitted bound with twice its standard error. Where the joint slips, the band is narrow and
-contains the true bound: there the measurements determine g. Where the joint sticks, the band widens: there only the
-assumption determines g.
+The band in the picture is the fitted bound, plus and minus twice its standard error. Where the joint slips, the band is
+narrow and contains the true bound: there the measurements determine g. Where the joint sticks, the band widens: there
+only the assumption determines g.
 
     vemcvx run problems/friction_along_a_joint.py --n 4 --steps 8 --plot
 """

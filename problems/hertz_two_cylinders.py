@@ -1,8 +1,8 @@
 r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed.
 
-The cylinders have radii R_1, R_2 and materials E_i, nu_i, in plane strain. In small strains the two arcs near the
-contact are one flat interface between two elastic half-planes, with the gap x^2 / 2R, 1/R = 1/R_1 + 1/R_2. This is
-Hertz' own model, and it is the scene here. Under the force P per length the half-width a and the pressure p(x) are
+The cylinders have radii R_1, R_2 and materials E_i, nu_i, in plane strain. In Hertz' model of small strains, one flat
+interface between two elastic half-planes replaces both arcs, with the gap x^2 / (2R) and 1/R = 1/R_1 + 1/R_2. This
+model is the scene here. Under the force P per length the half-width a and the pressure p(x) are
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^2 = 4 P R / (\pi E^*),
@@ -10,11 +10,11 @@ $$
 p_0 = 2 P / (\pi a)
 $$
 
-(Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block about 40 half-widths wide and 20 high, of which one half
-is computed. Cells have the width a/n at the contact, and grow outwards. The meshes do not match: in each direction the
-upper body has about 3/4 of the cells of the lower body. The top is pressed down without friction, and P is the sum of
-the computed contact forces. With n = 16 the half-ellipse that fits the nodal pressures best has half-width and peak
-within .5 % of Hertz' values.
+(Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block about 40 half-widths wide and 20 high. We compute the
+right half, x > 0. Cells have the width a/n at the contact, and grow outwards. The meshes do not match: in each
+direction the upper body has about 3/4 of the cells of the lower body. The top is pressed down without friction, and P
+is the sum of the computed contact forces. With n = 16 the half-ellipse that fits the nodal pressures best has
+half-width and peak within .5 % of Hertz' values.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """

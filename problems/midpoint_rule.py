@@ -2,14 +2,15 @@ r"""Why backward Euler: comparison with the midpoint rule, on the slip of one bl
 
 Let a be the elastic form, |.|_a its energy norm, and j the friction functional. The displacements whose forces friction
 can balance form the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the projection on
-C, both in the energy norm. Let u_l(t) be the displacement of the body under the load l without friction, and
-z = u_l - u. Quasistatic friction is a play operator: the problem and its steps of backward Euler, (2.34), are
+C, both in the energy norm. Let u be the displacement of the body, u_l(t) its displacement under the load l without
+friction, and z = u_l - u. Quasistatic friction is a play operator. The problem and its steps of backward Euler,
+equation (2.34) of Feng, Han and Huang, are
 
 $$ u' \in N_C(z) \qquad \text{and} \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
-Each step of backward Euler is one convex program. (Numbers of equations are those of Feng, Han and Huang.) The midpoint
-rule requires the variational inequality at the mean $m = (u_{n-1} + u_n) / 2$ of a step, with the load at the middle of
-the step. Let d = u_n - u_{n-1} and e = m - u_{n-1} = d / 2, so that j(d) = 2 j(e). The midpoint rule then is
+Each step of backward Euler is one convex program. The midpoint rule requires the variational inequality at the mean
+$m = (u_{n-1} + u_n) / 2$ of a step, with the load at the middle of the step. Let d = u_n - u_{n-1} and
+e = m - u_{n-1} = d / 2, so that j(d) = 2 j(e). The midpoint rule then is
 
 $$
 \min_d \; a(d, d) / 4 + a(u_{n-1}, d) - l(d) + j(d) \\
@@ -20,8 +21,8 @@ So a step of the midpoint rule is one convex program, too: backward Euler to the
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C. So errors of the solver do not grow, as they
-do not grow in backward Euler. However:
+The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C. So errors of the solver do not grow, neither
+in the midpoint rule nor in backward Euler. However:
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.
@@ -32,18 +33,19 @@ do not grow in backward Euler. However:
 3. The midpoint rule has the order 2 only where slips are smooth: where they change their direction, but neither begin
    nor end.
 
-Backward Euler has the order 1 where slips turn gradually. Where slips keep their direction, it is *exact* at its
-instants if no slip stops or reverses inside a step: then the slip of the whole step obeys the law of friction at the
-end of the step. Slips of plane bodies do not turn, but only stop or reverse. The reversals of the loads should
-therefore be instants (:func:`vemcvx.instants`). The dissipation (`dissipated_second_order`) is then of second order in
-the step. Where slips turn gradually, the dissipation is of first order, like the slips.
+Backward Euler has the order 1 where slips turn gradually. Suppose that slips keep their direction, and that no slip
+stops or reverses inside a step. Then backward Euler is *exact* at the ends of steps, because the slip of the whole step
+obeys the law of friction at the end of the step. Slips of plane bodies do not turn, but only stop or reverse. The
+reversals of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation
+(`dissipated_second_order`) is then of second order in the step. Where slips turn gradually, the dissipation is of first
+order, like the slips.
 
     python problems/midpoint_rule.py [--picture FILE]
 
-The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, u_l the place of its top, and C
-the disc about zero whose radius is the unit of length. There are three experiments. The first is
-a straight pull there and back. The second is a slip that turns, and starts from the exact state. The third is a pull
-from rest that turns afterwards. In the first and in the third, slip begins inside a step.
+The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, and u_l the place of its top. The
+radius of the disc C is the unit of length. In the first experiment, the top is pulled straight there and back. In the
+second, the slip turns, and the start is the exact state. In the third, the top is pulled from rest and turns
+afterwards. In the first and in the third, slip begins inside a step.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ $$ w(x) = P b / (2 k) \exp(-b|x|) (\cos b|x| + \sin b|x|). $$
 
 The right half of the strip is computed. Springs pull as well as push: where w < 0 they hold the plate down. With
 `asperities=True`, NormalCompliance of the same stiffness replaces the springs. Asperities only push, so the ends lift
-off. (Use the accuracy 1e-6 with asperities: on so soft a foundation rounding can prevent more digits.)
+off. Use the accuracy 1e-6 with asperities: rounding can prevent a better accuracy on so soft a foundation.
 
     vemcvx run problems/plate_on_springs.py --n 4 --steps 4 --plot
 """

@@ -3,8 +3,8 @@ r"""A ring pressed over another ring that is too large for it: the pressure betw
 Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
 exceeds the inner radius of the outer ring by the interference delta, modelled as the gap -delta t between the rings.
 The inner ring has the constants E_1 and nu_1, the outer ring E_2 and nu_2. Under the pressure p between the rings, the
-inner ring shrinks at r = b by the first length below, and the outer ring widens by the second (Lame 1852; Timoshenko
-and Goodier, *Theory of Elasticity*, 28):
+inner ring shrinks at r = b by the first of these lengths, and the outer ring widens by the second length (Lame 1852;
+Timoshenko and Goodier, *Theory of Elasticity*, 28):
 
 $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2). $$
 

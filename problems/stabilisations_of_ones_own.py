@@ -1,7 +1,7 @@
 """Two user-defined stabilisations: their patch test, their orders, and their effect on incompressible bodies.
 
-The stabilisation S(v - Pi v, w - Pi w) is the energy of the parts of v and w that the projection Pi on linear fields
-omits. A class with one method defines S for each cell K. The scene takes an object of this class, as in
+Let Pi be the projection on linear fields. The stabilisation S(v - Pi v, w - Pi w) is the energy of the remainders of
+the fields v and w. A class with one method defines S for each cell K. The scene takes an object of this class, as in
 ``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance of two runs
 (`vx.measures.energy_distance`) use the form a^h with this stabilisation.
 

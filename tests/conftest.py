@@ -11,7 +11,7 @@ from pathlib import Path
 # On two cores, two test processes with two BLAS threads each would slow each other down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell starts background jobs with these signals ignored; processes that tests start would inherit this.
+# Background jobs of a shell ignore these signals, and so would processes that tests start.
 if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -63,14 +63,14 @@ def longer(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip the longer files if only quick tests run: their collection takes a quarter of the time of quick tests."""
+    """Skip the files in `LONGER` if only quick tests run, because collecting these files takes time."""
     return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every long test also `slow`, and every other test `quick` unless it is slow or its file is in `LONGER`.
+    """Mark long tests also `slow`, and tests of files outside `LONGER` that are not slow `quick`.
 
-    If a test is marked `long` and one of its cases `slow`, this case loses the mark `long`.
+    A test marked `long` may have cases marked `slow`. These cases lose the mark `long`.
     """
     for item in items:
         if item.get_closest_marker("slow"):

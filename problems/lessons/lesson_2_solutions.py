@@ -38,8 +38,8 @@ assert near(back[2], [0.7, 0.2, 0.0, 0.0])
 print("after the pull", back[1], "and after letting go", back[2])
 
 # %% [markdown]
-# **2.** The smooth part of the energy remains, and the answer solves the linear system $Ku = f$. The only admissible
-# $\lambda$ is zero, and the value of the dual is the least energy. All blocks move, also block 4.
+# **2.** With $w = 0$ only the smooth part of the energy remains. The answer solves the linear system $Ku = f$. The only
+# admissible $\lambda$ is zero, and the value of the dual is the least energy. All blocks move, also block 4.
 
 # %%
 assert near(path(lambda time: time * f, [0.0, 1.0], np.zeros(4))[1], np.linalg.solve(K, f))

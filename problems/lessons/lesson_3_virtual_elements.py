@@ -107,7 +107,7 @@ print(f"Pi is a projection of rank 6 on the {len(Pi)} vertex values of a pentago
 # %% [markdown]
 # ## 2. The stiffness: consistency and stability
 #
-# Replace the strain of $v$ by the strain of $\Pi v$, and the energy of a cell can be computed. With the tensor
+# We cannot compute the strain of $v$ inside a cell, so we use the strain of $\Pi v$ in the energy. With the tensor
 # $\mathbb C$ of elasticity, (3.13) is
 #
 # $$a_\omega^h(u, v) = |\omega|\; \varepsilon(\Pi u) : \mathbb C\, \varepsilon(\Pi v)
@@ -152,9 +152,9 @@ assert apart < 1e-13
 print(f"the matrices by hand and by the package differ by {apart:.1e}")
 
 # %% [markdown]
-# Count the zero eigenvalues: three with the stabilisation, for the rigid motions, and seven without the stabilisation.
-# Eigenvalues below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the smallest nonzero
-# eigenvalue is a third of the largest.
+# With the stabilisation three eigenvalues are zero, for the three rigid motions. Without it seven are zero. Eigenvalues
+# below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the smallest nonzero eigenvalue is a third
+# of the largest.
 
 
 # %%
@@ -253,9 +253,9 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # %% [markdown]
 # ## 4. Locking
 #
-# A cantilever, four long and one high, is clamped on the left. A downward force of 1 shears its right end. The end then
-# deflects by $f^T u$. For rubber $\nu \to \tfrac12$ and $\Lambda \to \infty$: changes of area cost more and more
-# energy, and in the limit
+# A cantilever, four long and one high, is clamped on the left. A downward force of 1 shears its right end. With the
+# vector $f$ of nodal loads, the end deflects by $f^T u$. For rubber $\nu \to \tfrac12$ and $\Lambda \to \infty$:
+# changes of area cost more and more energy, and in the limit
 #
 # $$\mathrm{div}\, u = 0 .$$
 #

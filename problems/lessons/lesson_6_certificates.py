@@ -14,8 +14,8 @@
 #
 # where $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
 # nodes, and $w_i$ are the friction bounds. The stresses at the start of the step balance a part of the load; $f$ is the
-# other part. Insert $u = u_{prev} + s$ into the program of lesson 2, and this program results. The package calls $s$
-# `d`, and it calls $f$ `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
+# other part. (Insert $u = u_{prev} + s$ into the program of lesson 2 to see this.) In the package, $s$ is called `d`
+# and $f$ is called `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -279,8 +279,9 @@ assert abs(found.gap - gap(moved, forces)) <= found.floor + 1e-12 * found.gap
 # %% [markdown]
 # ## What a certificate cannot tell
 #
-# A certificate bounds the distance to the solution *of this program*. It does not contain the error of the mesh. Two
-# meshes, both certified to rounding, have energies that differ by some per cent. Lesson 7 continues here.
+# A certificate bounds the distance to the solution *of this program*. It does not contain the error of the mesh. On two
+# meshes, solutions that are certified up to rounding have energies that differ by some per cent. Lesson 7 measures the
+# error of the mesh.
 
 # %%
 coarse, fine = (vx.simulate(scene, vx.meshes.squares(n), times) for n in (4, 16))

@@ -56,10 +56,10 @@ assert 0 < wins < 100
 
 # %% [markdown]
 # **3.** Two steps lead from $u_{prev}$ to $u$ and from $\bar u_{prev}$ to $\bar u$ under the same load, with the slips
-# $s$ and $\bar s$. Take the slip of each step as the test function of the other:
-# $(Ku - f)^T (\bar s - s) + j(\bar s) - j(s) \ge 0$, and the same with exchanged roles. The sum of both is
-# $(u - \bar u)^T K (s - \bar s) \le 0$, that is $|u - \bar u|_K^2 \le (u - \bar u)^TK(u_{prev} - \bar u_{prev})$. The
-# Cauchy-Schwarz inequality completes the proof.
+# $s$ and $\bar s$. In each variational inequality, take the slip of the other step as the test function. With
+# $j(s) = \sum_i w_i |s_i|$, this is $(Ku - f)^T (\bar s - s) + j(\bar s) - j(s) \ge 0$, and the same with exchanged
+# roles. The sum of both is $(u - \bar u)^T K (s - \bar s) \le 0$, that is
+# $|u - \bar u|_K^2 \le (u - \bar u)^TK(u_{prev} - \bar u_{prev})$. The Cauchy-Schwarz inequality completes the proof.
 
 
 # %%

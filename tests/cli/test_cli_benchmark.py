@@ -69,7 +69,7 @@ def test_outcomes_are_distinguished_and_counted():
     assert select_common(ENTRIES, instances, "plane", 1e-6)[1] == ["a"]
     assert select_common(ENTRIES, instances, "plane", 1e-8)[1] == []
     rows = score_table(ENTRIES, instances, kind="plane", limit=10.0).rows
-    # Columns: solver; reached 1e-3, 1e-6, 1e-9; certified; missed. For 1e-9 the optimum is too uncertain: 0/0.
+    # Columns: solver; instances solved to 1e-3, to 1e-6, to 1e-9; certified; missed. The optimum is known to 1e-8 only.
     assert [row[:6] for row in rows] == [
         ["quick", "1/1", "1/1", "0/0", "0", "0"],
         ["sure", "1/1", "1/1", "0/0", "1", "0"],
@@ -197,7 +197,7 @@ NEWTON = """
 
 @pytest.mark.slow
 def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_path, monkeypatch):
-    """The README shows a file of a solver, in which dots replace the method; the test writes Newton's method there."""
+    """In the solver of the README, dots stand for the method; the test writes Newton's method in their place."""
     wanted = {"block_between_dies-n12-2of8", "block_in_space-n4-4of8", "feng_han_huang-n8-4of8"}
     write_collection(tmp_path, instances=[one for one in INSTANCES if one.name in wanted])
     lines = (tmp_path / "README.md").read_text().splitlines()

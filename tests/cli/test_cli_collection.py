@@ -78,7 +78,6 @@ def test_the_script_imports_three_packages_only():
 
 @pytest.mark.long
 def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
-    """The manifest describes the files. The duality gaps that the script computes agree with the certificates."""
     assert write_collection(tmp_path, instances=choose_small()).startswith(f"{len(GRADES) + 1} instances")
     manifest = read_manifest(tmp_path)
     assert {row["grade"] for row in manifest} == GRADES
@@ -88,7 +87,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
         program = vx.read_program(tmp_path / f"{row['name']}.npz")
         assert len(program.g) == row["unknowns"]
         optimum = row["optimum"]
-        # If K has a kernel, springs are added to K. A program from a file has other springs, and other rounding.
+        # If K has a kernel, springs are added to K; after reading, these springs differ, and so do rounding errors.
         bounds = optimum["low"], optimum["high"]
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm
@@ -114,7 +113,6 @@ def count_degenerate(program):
 @pytest.mark.long
 @pytest.mark.parametrize("status", ["infeasible", "unbounded"])
 def test_the_script_refuses_a_false_proof(tmp_path, status):
-    """False proofs are a multiplier of the wrong sign, or a ray in the wrong direction."""
     write_collection(tmp_path, instances=[one for one in choose_small() if one.without == status])
     (row,) = read_manifest(tmp_path)
     assert kind_of(row) == "no optimum"

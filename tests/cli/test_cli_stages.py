@@ -26,7 +26,7 @@ def stages(pull=2.0):
 @pytest.fixture
 def pad(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("VEMCVX_APP", "")  # `vemcvx app` sets it
+    monkeypatch.setenv("VEMCVX_APP", "")  # so that the value which `vemcvx app` sets is removed afterwards
     (tmp_path / "pad.py").write_text(FILE.strip())
     return tmp_path
 

@@ -1,4 +1,4 @@
-"""A parameter study runs each of several values in its own folder, and writes a table, files and a picture."""
+"""A parameter study makes one run per combination of values, and writes a table, and a folder for each run."""
 
 from __future__ import annotations
 

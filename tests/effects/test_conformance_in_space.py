@@ -1,4 +1,4 @@
-"""Conformance of every effect in space: the properties of vemcvx.testing on a cube, also for laws of slip."""
+"""Every effect has the properties of vemcvx.testing on a cube, also with laws of slip."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A bolt is tightened and locked: the joint diagram, forces in files, and refusals."""
+"""The force of a bolt that is tightened and locked, in closed form and in files."""
 
 import numpy as np
 import pytest

@@ -39,7 +39,7 @@ def sheared(q, *effects, press=0.0):
 @pytest.mark.parametrize("is_pressed", [False, True])
 @pytest.mark.parametrize("family", SOLIDS)
 def test_a_sheared_block_follows_its_closed_form(family, is_pressed):
-    """Patch test: at all nodes, forces lie in the disc, and slips have the direction of the force."""
+    """At all nodes, the friction force is at most the bound, and the slip has the direction of the force."""
     a, q = closed_form()
     if is_pressed:
         friction = vx.CoulombFriction(BOUND * HEIGHT / (2 * MU * PRESS), on="bottom")

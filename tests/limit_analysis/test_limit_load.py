@@ -13,7 +13,7 @@ import vemcvx as vx
 STEEL = vx.Elasticity(2e4, 0.3)
 FLOATS = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 GAP = 2e-9
-"""Bound on the gap, relative to the factor. `limit_load` lowers friction by 1e-10, and the factor by a few 1e-10."""
+"""Bound on (upper - factor) / factor. `limit_load` reduces friction by 1e-10, and so the factor by a few 1e-10."""
 
 
 def wrench(points, forces):
@@ -69,7 +69,7 @@ def test_a_block_slides_or_tips_as_a_linear_program_of_statics_finds(friction, a
 
 @pytest.mark.parametrize("family", ["cubes", pytest.param("voronoi3", marks=pytest.mark.long)])
 def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_programs(family):
-    """Polygons of 48 sides replace the discs of friction: first polygons inside the discs, then ones around them."""
+    """In the programs, polygons of 48 sides replace the discs of friction. These lie inside or around the discs."""
     mesh = vx.meshes.SPACE_FAMILIES[family](3, box=((0.0, 2.0), (0.0, 1.0), (0.0, 0.5)))
     found = vx.limit_load(rest_on_floor(0.3), mesh, vx.Traction((0.0, 2.0, 0.5), on="right"))
     points = mesh.points[mesh.points[:, 2] < 1e-12]
@@ -109,7 +109,7 @@ class Pile:
         return np.unique(mesh.vertices[np.repeat(mesh.cell_data[name] == 1, np.diff(mesh.offsets))])
 
     def mean_motion(self, name, corners):
-        """Return the mean motion of two corners of a block, which is the motion of the middle between them."""
+        """Return the motion of the middle between two corners of a block."""
         own = self.nodes(name)
         apart = np.linalg.norm(self.mesh.points[own] - np.array(corners)[:, None], axis=2)
         return self.found.motion[own[apart.argmin(axis=1)]].mean(axis=0)

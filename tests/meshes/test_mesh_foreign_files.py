@@ -55,7 +55,7 @@ READ = {
     "g9_samename_22.msh": {"data": {"steel": [1, 1]}, "named": ("steel",)},
     "g3_saveall_41.msh": {"data": {"all": [1, 1], "steel": [0, 1]}, "named": ("floor", "outer")},
 }
-"""File -> expected values: the number of cells or cell data, and for some files points or names of boundaries."""
+"""Expected contents of files: the number of cells or cell data; for some files, also points or names of boundaries."""
 REFUSED = {
     "a1_two_parts.inp": "nodes 3 and 4 are in the same place.* If 'Lower-1', 'Upper-1' are bodies, "
     ".*='physical'; vemcvx run --mesh does so if the scene names .*'Lower-1.NAME'",
@@ -141,7 +141,7 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
     """Place one part twice; the second instance is moved up by 1, then rotated about its middle by 90 degrees."""
     mesh = read_text(".inp", TWICE, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
-    assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}  # a surface of low
+    assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}
     middles = {name: mesh.points[edges].mean(axis=(0, 1)).round(12).tolist() for name, edges in mesh.boundaries.items()}
     assert middles == {
         "low.base": [0.5, 0.0],
@@ -453,7 +453,7 @@ TEXTS |= {".msh": GMSH, ".solid.msh": (FILES / "groups_22.msh").read_text()}
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [*MADE, *TEXTS])
 def test_damaged_files_are_refused_or_hold_a_mesh(suffix, tmp_path):
-    """Read 250 damaged files within limits of time and memory: each has a mesh, or its path is in an error."""
+    """Read 250 damaged files within limits of time and memory; errors contain the path of the file."""
     whole, rng = tmp_path / f"whole{suffix}", np.random.default_rng(1)
     if suffix in MADE:
         MADE[suffix].write(whole)

@@ -43,7 +43,7 @@ ZERO_ROWS = {
 @mostly_long("condense", [True, False])
 @pytest.mark.parametrize("terms", ZERO_ROWS.values(), ids=ZERO_ROWS)
 def test_zero_rows_change_no_state(terms, condense):
-    """A zero row on a ground that moves by g dissipates w |g|."""
+    """A zero row of the weight 1, on a ground that moves by 6, dissipates 6."""
     system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], **terms)
     run = vx.march(system, [0.0, 1.0, 2.0], condense=condense)
     assert run.state[1:] == pytest.approx(np.outer([1.0, 2.0], [1.0, 1 / 3]), rel=1e-15)

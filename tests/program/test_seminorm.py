@@ -127,7 +127,7 @@ def test_a_refusal_names_the_forces_along_a_diagonal():
 
 @pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
 def test_a_sliding_motion_is_free_of_rounding():
-    """Components of 1e-15 along normals of contact would press on contact and are removed. A slope of 1e-9 is kept."""
+    """Components of 1e-15 along contact normals are removed from the motion, but a slope of 1e-9 is kept."""
     unit = small("voronoi", 4)
     rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))

@@ -1,4 +1,4 @@
-"""Folders that runs write to: foreign files stay, one run writes at a time, and a killed run releases its folder."""
+"""A run leaves foreign files in its folder alone, locks the folder, and releases it when it is killed."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ UNILATERAL = vx.UnilateralContact(on="bottom")
 
 
 def lift(x, t):
-    """Return a motion of the top that presses its left, lifts its right and stretches it."""
+    """Return displacements of the top: down at its left end, up at its right end, with a stretch along x."""
     return np.column_stack([0.01 * t * (1 + x[:, 0]), 0.02 * t * (x[:, 0] - 0.4)])
 
 

@@ -13,7 +13,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def held_by(history, name, direction):
-    """Return u . direction (S, m) at the nodes of a boundary."""
+    """Return the displacements of the nodes of a boundary along a direction, an array (S, m)."""
     nodes = np.unique(history.mesh.boundaries[name])
     return history.displacement[:, nodes] @ np.asarray(direction)
 

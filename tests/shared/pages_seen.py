@@ -1,4 +1,4 @@
-"""Web pages in a headless Chromium: its start and its window."""
+"""Start a headless Chromium, and set the size of its window."""
 
 from __future__ import annotations
 

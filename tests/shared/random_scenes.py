@@ -46,10 +46,10 @@ KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
 def feature_scene(seed):
     """Return a scene with a feature that a run may miss, and its initial state.
 
-    Scenes are blocks of random stiffness and Poisson's ratio. Steps, nodes or quadrature points may miss one feature:
-    heat that varies in space and time, a bump of the obstacle, friction on a small patch, a bound that drops for a
-    moment under a constant load, Coulomb's law under a load that reverses, a body that only friction holds, or a load
-    that reverses between two instants. Every eighth scene has a smooth load instead.
+    Scenes are blocks of random stiffness and Poisson's ratio. Steps, nodes or quadrature points may miss the feature.
+    It is one of these: heat that varies in space and time, a bump of the obstacle, friction on a small patch, a bound
+    that drops for a moment under a constant load, Coulomb's law under a load that reverses, a body that only friction
+    holds, or a load that reverses between two instants. Every eighth scene has a smooth load instead.
     """
     rng = np.random.default_rng(1000 + seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)

@@ -15,7 +15,7 @@ SIDES = ("left", "right"), ("front", "back"), ("bottom", "top")
 
 @cache
 def solid(name, n, box):
-    """Return a read-only mesh of a box with about n cells per side, made once."""
+    """Return a read-only mesh of a box, with about n cells per side."""
     if name == "nonconvex prisms":
         return vx.meshes.nonconvex(n, box[:2]).extruded(np.linspace(*box[2], n + 1))
     if name != "hanging faces":

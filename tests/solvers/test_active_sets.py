@@ -36,7 +36,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 0, 1]])
 def test_dependent_bounds_are_obeyed(order):
-    """Three bounds act on two unknowns x and y. The same two bounds are active in each order."""
+    """Three bounds act on x and y, two of the unknowns x, y, z. In any order, the same two bounds become active."""
     mu, loads = 0.3, np.array([[0, 0, 0], [0.2, -0.5, 0.2], [1.0, 0.6, 0.9]])
     D = np.array([[1.0, 0, 0], [0, 1, 0], [2 / 5**0.5, 1 / 5**0.5, 0]])[order]
     law = vx.Law(

@@ -1,4 +1,4 @@
-"""The live page: its cells run, it shows numbers and pictures of a simulation, and it works in a browser."""
+"""The live page shows numbers and pictures of a simulation, alone and in a browser."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_an_exported_page_is_one_file_and_opens_at_the_given_step(tmp_path, monk
 def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
     """Pictures of stick and slip need friction; the picture of hysteresis needs a course of the load."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
-    monkeypatch.setenv(live_page.GIVEN, "")  # monkeypatch restores it at the end
+    monkeypatch.setenv(live_page.GIVEN, "")  # so that the value which the command sets is removed at the end
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=kinds))
     assert call("app", "own.py", "--html", "page.html") == (0, "page.html shows 2 of 30 steps.\n")

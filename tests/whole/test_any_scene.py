@@ -1,4 +1,4 @@
-"""A thousand random scenes: true errors are at most certificate plus rounding floor; all exceptions are VemcvxErrors.
+"""In random scenes, certificates bound true errors up to rounding, and all exceptions are VemcvxErrors.
 
 A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.run_and_judge`` runs and judges it.
 """
@@ -24,8 +24,8 @@ DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *ra
 def judge_all(seeds, most_refused, draw=draw):
     """Judge the scenes of all seeds, and report their faults together.
 
-    At most 5 % of all steps may lack an exact solution. The scene with most of these steps is not counted: its loads
-    can be too small for the reference. In scene 251, for example, loads are about 1e-29.
+    At most 5 % of all steps may lack an exact solution. One scene is not counted, the scene with the most steps without
+    an exact solution: its loads can be too small for the reference. In scene 251, for example, loads are about 1e-29.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
     scenes = [drawn for drawn in map(draw, seeds) if drawn is not None]

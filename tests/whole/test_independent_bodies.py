@@ -63,7 +63,7 @@ def support_lowest(rng, soft, other):
 
 
 def load_uppermost(rng, soft, name, other, free):
-    """Return a motion to and fro of the uppermost body; for a free body, a pressure and a pull that friction bears."""
+    """Return what drives the uppermost body: a motion to and fro or, if `free`, a pressure and a small pull."""
     down, aside, rate = rng.uniform(0.01, 0.03), rng.uniform(0.005, 0.03), rng.uniform(5, 9)
     if not free:
 

@@ -1,4 +1,4 @@
-"""Every kind of scene against independent programs: scikit-fem, cvxpy, Clarabel.
+"""Every kind of scene is compared with an independent program, written with scikit-fem, cvxpy and Clarabel.
 
 On triangles, virtual elements are linear elements, so that the package and the independent program have the same
 discrete solution. They agree to 1e-8 in displacement, traction, pressure, reactions, energy, work and dissipation, over
@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Return sums (instants, n, 2) at nodes of value * direction over rows, per length if `per_length`."""
+    """Sum value * direction, or value * direction / length, over the rows of each node; return (instants, n, 2)."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)

@@ -1,4 +1,4 @@
-"""The written pages of the site: their Python code runs, links and files exist, and values of constants are right."""
+"""On pages of the site, Python code runs, links and named files exist, and values of constants are right."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The site: every public name and problem file is in it; it is built without a warning, and needs no other host."""
+"""The site has all public names and problem files, is built without warnings, and loads nothing from other hosts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A typed script of a user: it runs, and strict mypy and pyright accept it and find mistakes that are added to it."""
+"""Strict mypy and pyright accept a typed script of a user, and find the mistakes in `WRONG`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WRONG = (
 
 
 def check_by_mypy(folder):
-    """Return line -> error of the script according to mypy."""
+    """Return the errors that mypy finds in the script, by line."""
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--no-error-summary", "script.py"]
     done = subprocess.run(command, cwd=folder, env={"MYPYPATH": str(ROOT)}, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr
@@ -34,7 +34,7 @@ def check_by_mypy(folder):
 
 
 def check_by_pyright(folder):
-    """Return line -> error of the script according to pyright."""
+    """Return the errors that pyright finds in the script, by line."""
     if importlib.util.find_spec("basedpyright") is None:
         pytest.skip("basedpyright is not installed")
     options = {"typeCheckingMode": "strict", "extraPaths": [str(ROOT)], "include": ["script.py"]}

@@ -89,7 +89,7 @@ def test_the_core_imports_a_wing_in_one_function_only():
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory):
-    """Copy the package without its wings, but with its bytecode, which saves time; return the folder of the copy."""
+    """Copy the package without its wings; return the folder of the copy."""
     root, package = tmp_path_factory.mktemp("core"), ROOT / "vemcvx"
     shutil.copytree(package, root / "vemcvx", ignore=lambda folder, _: WINGS if folder == str(package) else ())
     return root

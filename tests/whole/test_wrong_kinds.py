@@ -205,7 +205,7 @@ def list_places():
 
 PLACES = dict(list_places())
 EVERY = len(WRONG)
-"""By default, `check_place` gives each parameter one value of `WRONG`; successive parameters receive other values."""
+"""Stride through `WRONG` in the default tests: each parameter receives one value, the next parameter the next value."""
 
 
 @pytest.mark.long

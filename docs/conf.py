@@ -36,7 +36,7 @@ nb_merge_streams = True
 nb_output_stderr = "remove"  # removes, for example, the notice of `vemcvx.simulate` about few steps
 
 autodoc_typehints = "none"
-autodoc_inherit_docstrings = False  # methods of a base class are described in its entry
+autodoc_inherit_docstrings = False  # the entry of a base class describes its methods
 autodoc_member_order = "bysource"
 autodoc_mock_imports = [] if find_spec("pytest") else ["pytest"]  # `vemcvx.testing` imports pytest
 autosummary_generate = False

@@ -30,7 +30,7 @@ import vemcvx as vx
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
 YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-5, 1e-5), 50.0
 ACROSS, SHEAR = 10.0, 15.0
-"""For wood: E2 divided by the modulus across the grain, and E2 divided by G."""
+"""For wood: E2 / (modulus across the grain), and E2 / G."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 24, "steps": 4}
 

@@ -9,8 +9,8 @@ This is the paper's load on each slice x_2 = const, with a push along x_2. (With
 symmetric about x_2 = 1/2.) In space the slip velocity of a node has two components, and friction opposes slip in every
 direction. Stresses, g and f_2 are in MPa here (in the paper in daN/mm^2), lengths in mm, time in s.
 
-The loaded edge of the bottom slips first, and slip spreads to the right. The friction at a node first opposes the push.
-Its direction turns when nodes around this node slip.
+The loaded edge of the bottom slips first, and slip spreads to the right. At first the friction of a node opposes the
+push; the direction of friction turns when neighbouring nodes slip.
 
     vemcvx run problems/block_in_space.py --mesh cubes --n 12 --steps 16 --plot
 """

@@ -2,9 +2,9 @@ r"""A user-defined effect: a cohesive interface that softens; two glued blocks a
 
 The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. Their sides stay plane, and their meshes do not
 match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
-its strength c. At this stress it flows, across the interface and along it. Each place loses strength with its
-accumulated flow A: c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0. Contact keeps the opening a >= 0.
-The stress is
+its strength c. At this stress the glue flows, across and along the interface. The accumulated flow A at a place reduces
+the strength there: c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0. Contact keeps the opening a >= 0.
+The stress across the interface is
 
 $$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 
@@ -77,7 +77,7 @@ def top(t):
 
 
 def exact_solution(instants):
-    """Return the stress sigma across the interface and its opening a, at every instant."""
+    """Return the stress sigma and the opening a of the interface at every instant."""
     sigma, a, way = np.zeros(len(instants)), np.zeros(len(instants)), 0.0
     for n, U in enumerate(top(instants[1:]), start=1):
         trial, fall = (U - a[n - 1]) / COMPLIANCE, STRENGTH / WAY

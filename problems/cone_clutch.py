@@ -3,9 +3,9 @@ r"""A plug in a conical socket, pressed from all sides and twisted: the torque a
 The joint is the part of a cone between the radii R_1 and R_2; the side of the cone leans by the angle alpha from the
 axis. Both bodies have Young's modulus E and Poisson's ratio nu. Up to t = 1, a pressure rises to p on all sides, so
 that the stress is -p I in both bodies, whatever the shape of the joint. On the rim of the socket and the top of the
-plug, the displacement -(p (1 - 2 nu) / E) x of this stress is prescribed in place of the pressure. Then the top of the
-plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round bodies does not
-change the pressure, and nodes slip in circles. With the coefficient of friction mu, the torque of full slip is
+plug, a prescribed displacement replaces the pressure: -(p (1 - 2 nu) / E) x, which belongs to the same stress. Then the
+top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round bodies
+does not change the pressure, and nodes slip in circles. With the coefficient of friction mu, the torque of full slip is
 
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha . $$
 
@@ -81,7 +81,7 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return the instants: in the first step the bodies are pressed, in the others the plug is rotated."""
+    """Return the instants: in the first step the bodies are pressed, in later steps the plug is rotated."""
     return np.append(0.0, np.linspace(1.0, 2.0, steps))
 
 

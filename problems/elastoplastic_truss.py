@@ -20,8 +20,9 @@ is finite only on a cone, and j is no sum of norms w_i |B_i v|.)
 
 **One bar.** Let play_r(e) follow e like a ring of radius r that a finger inside the ring drags (see
 `spring_slider_chain.py`). With r = sigma_y / E the plastic strain is p = E/(E+H) play_r(e). With
-stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), sigma = E_t e + (E - E_t) stop_r(e). After loading to
-sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
+stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is sigma = E_t e + (E - E_t) stop_r(e). After
+loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y. This stress is above -sigma_y: the
+Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two
@@ -34,8 +35,8 @@ F_1 = k_0 r, \qquad F_2 = F_1 + k_1 (r / c^2 - r), \\
 v = F / k_0 + (1 / k_1 - 1 / k_0) \operatorname{play}_{F_1}(F) + (1 / k_2 - 1 / k_1) \operatorname{play}_{F_2}(F).
 $$
 
-Between F_1 and F_2 only the bar in the middle flows; after unloading the inclined bars keep it compressed. Backward
-Euler makes no error as long as F is monotone between instants.
+Between F_1 and F_2 only the bar in the middle flows. After unloading, the inclined bars keep this bar compressed.
+Backward Euler makes no error as long as F is monotone between instants.
 
     python problems/elastoplastic_truss.py --picture elastoplastic_truss.png
 """
@@ -52,11 +53,11 @@ from spring_slider_chain import course, march, play, sample
 YOUNG, HARDENING, YIELD = 200.0, 20.0, 1.0
 COSINE = 0.6
 TURNS = (0, 3, -3, 3, 0)
-"""Turning points of the force on three bars, which makes all bars yield."""
+"""Turning points of the force on three bars; all bars yield at the force 3."""
 
 
 class Truss(NamedTuple):
-    """Bars between nodes; material data are arrays (m,), or one number for all m bars."""
+    """Bars between nodes; each material constant is an array (m,), or one number for all m bars."""
 
     points: np.ndarray
     bars: np.ndarray
@@ -87,7 +88,7 @@ def strain_matrix(truss):
 
 
 def pose_truss(truss, force):
-    """Return the system over (u, p); `force` (N + 1, 2 n) are the forces on all n nodes at t = 0, 1, ..., N."""
+    """Return the system for (u, p); row t of `force` (N + 1, 2 n) has the forces on all n nodes at t = 0, ..., N."""
     G, V = strain_matrix(truss), truss.area * truss.lengths
     D, H = np.diag(V * truss.young), np.diag(V * truss.hardening)
     K = np.block([[G.T @ D @ G, -G.T @ D], [-D @ G, D + H]])

@@ -3,10 +3,10 @@
     python problems/hard_cases.py [--picture FILE]
 
 For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
-sentence. The table also states what Newton, Clarabel and OSQP did: the certified relative energy error of the worst
-step, the largest rounding floor of that error, the true error if a closed form exists, the most iterations of a step,
-and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG
-below its case; the command then fails.
+sentence. For Newton, Clarabel and OSQP the table also has the certified relative energy error of the worst step, the
+largest rounding floor of a step, the true error if a closed form exists, the most iterations of a step, and seconds. A
+solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG below its case;
+the command then fails.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def format_rows(rows: Sequence[Row]) -> str:
 
 
 def count_rows(rows: Sequence[Row]) -> str:
-    """Return a line with the numbers of all cases, and of the cases that each solver can solve."""
+    """Return a line: the number of all cases, and the number of cases that each solver can solve."""
     findings = [finding for _, _, found in rows for finding in found]
     able = {
         name: sum(f.solver == name and f.did != "says it cannot" for f in findings)

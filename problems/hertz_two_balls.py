@@ -1,9 +1,9 @@
 r"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
 
-The balls have radii R_1, R_2 and materials E_i, nu_i. In small strains the surfaces near the contact are one flat
-interface between two elastic half-spaces, with the gap (x_1^2 + x_2^2) / 2R, 1/R = 1/R_1 + 1/R_2. This is Hertz' own
-model, and it is the scene here. Under the force P the contact has the radius a, and at the distance r from its middle
-the pressure p(r):
+The balls have radii R_1, R_2 and materials E_i, nu_i. For small strains the surfaces near the contact are modelled as
+one flat interface between two elastic half-spaces, with the gap (x_1^2 + x_2^2) / 2R, where 1/R = 1/R_1 + 1/R_2. This
+is Hertz' own model. Under the force P the contact has the radius a, and the pressure is p(r) at the distance r from the
+middle of the contact:
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^3 = 3 P R / (4 E^*),
@@ -11,14 +11,14 @@ $$
 p_0 = 3 P / (2 \pi a^2)
 $$
 
-(Johnson, *Contact Mechanics*, 4.2). Each half-space is a block that extends to 10 a, of which a quarter is computed.
-Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down without friction, and P is
-the sum of the computed contact forces. The radius is computed from the mean of r^2 weighted by these forces, which is
-2/5 a^2 in Hertz' solution. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to all nodal pressures
-(least squares). With n = 8 radius and peak agree with Hertz within 2 %, and so does the largest nodal pressure. If the
-upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate by O(h), and the
-largest nodal pressure is 8 % too high. Radius and peak then agree with Hertz within 3.1 %, and with n = 12 and
-`upper=9` within 2 %.
+(Johnson, *Contact Mechanics*, 4.2). Each half-space is replaced by a block that extends to 10 a; a quarter of the block
+is computed. Cells have equal widths up to 1.25 a and grow outwards from there. The top is pressed down, there is no
+friction, and P is the sum of the computed contact forces. The radius is computed from the mean of r^2 weighted by these
+forces; this mean is 2/5 a^2 in Hertz' solution. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to
+all nodal pressures (least squares). With n = 8 the radius, the peak and the largest nodal pressure agree with Hertz
+within 2 %. If the upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures
+oscillate by O(h), and the largest nodal pressure is 8 % too high. Radius and peak then agree with Hertz within 3.1 %.
+With n = 12 and `upper=9` they agree within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """
@@ -90,7 +90,7 @@ def force(history):
 
 
 def measure(history, step=-1):
-    """Return the radius by the mean of r^2, and the peak of the fitted half-ellipsoid of Hertz' radius."""
+    """Return the radius from the mean of r^2, and the peak of the fitted half-ellipsoid."""
     contact = history.contact
     p, areas, r = contact.pressure[step], contact.lengths, np.hypot(*contact.points[:, :2].T)
     radius = np.sqrt(2.5 * (p * areas) @ r**2 / (p @ areas))

@@ -1,14 +1,15 @@
 r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
 
 The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta times a. One half of the thickness
-is computed. A shear stress q acts on the end of the pin. For t < 1 it rises along x_1; then its direction phi turns
-once about the axis, and the contact turns with the load. At each instant, to rounding,
+is computed. A shear stress q acts on the end of the pin. For t < 1 the stress rises in the direction x_1. Then its
+direction, at the angle phi to x_1, turns once about the axis, and the contact turns with the load. At each instant, to
+rounding,
 
 $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 
-with the area A of the end of the pin. The mesh has 8n equal sectors. If the load starts rotated by a multiple of the
-angle of a sector, the solution is rotated by the same angle. Only friction prevents the pin from rotating about its
-axis. While the load turns, the pin creeps a little in the lug, and friction dissipates energy.
+with the area A of the end of the pin. The mesh has 8n equal sectors. If the initial direction of the load is rotated by
+a multiple of the angle of a sector, the solution is rotated by the same angle. Only friction prevents the pin from
+rotating about its axis. While the load turns, the pin creeps a little in the lug, and friction dissipates energy.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """

@@ -13,8 +13,8 @@ $$
 $$
 
 The plate is cut off at r = |z| = 5 R, where the tractions of this solution pull it. Both axes are lines of symmetry,
-with rollers. On the y-axis above the hole sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim. The force
-on the rollers there is the integral of sigma_xx from R to r = 5 R, which is S (r - R^2 / (2 r) - R^4 / (2 r^3)).
+with rollers. On the y-axis above the hole, sigma_xx = S/2 (2 + R^2/r^2 + 3 R^4/r^4), which is 3 S at the rim r = R. The
+rollers on this axis bear the integral of sigma_xx from R to r = 5 R, the force S (r - R^2 / (2 r) - R^4 / (2 r^3)).
 
     vemcvx run problems/plate_with_hole.py --n 8 --steps 1 --plot
 """
@@ -76,7 +76,7 @@ def scene():
 
 
 def mesh(n, family="ring"):
-    """Return rings of 2n cells; the sides "first" and "last" are the rays beside and above the hole."""
+    """Return rings of 2n cells; the side "first" is the ray beside the hole, "last" the ray above the hole."""
     rings = max(2, round(4 * n / np.pi * np.log(REACH / RADIUS)))
     return vx.meshes.ring(np.geomspace(RADIUS, REACH, rings + 1), 2 * n, angles=(0.0, np.pi / 2))
 

@@ -19,8 +19,7 @@ squeeze, however large q is. So the seal is tight. Friction bears a part of the 
 upper wall. Then the ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths
 of the pressure of the squeeze. The force of q, the force of the wall and friction balance to rounding.
 
-At each upper corner two walls meet, and the contact forces of both walls act at one node. `wall_pressure` leaves these
-nodes out.
+`wall_pressure` leaves out the nodes at the upper corners, where contact forces of two walls act at one node.
 
     vemcvx run problems/seal_ring.py --n 8 --steps 8 --plot
 """

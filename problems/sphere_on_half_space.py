@@ -16,14 +16,14 @@ The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mecha
 
 A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
 cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
-Therefore the approach is prescribed, P is measured, and Hertz' formulas are compared for this P. Then the missing far
-field hardly matters, because this field would move the contact almost uniformly. With cylinders half or twice as large,
-radius and peak change by at most .1 %.
+Therefore the approach is prescribed, P is computed, and radius and pressure are compared with Hertz' formulas for this
+P. The missing far field hardly changes them, because it would move the contact almost uniformly. With cylinders half or
+twice as large, radius and peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
-is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces, which is 2/5 a^2. The peak
-is the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on the
-axis differ from the closed form by at most 1 % of p_0.
+is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces; Hertz' mean is 2/5 a^2. The
+peak is the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on
+the axis differ from the closed form by at most 1 % of p_0.
 
     vemcvx run problems/sphere_on_half_space.py --n 16 --steps 4 --plot
 """

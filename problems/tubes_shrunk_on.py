@@ -64,7 +64,7 @@ def scene(interference=INTERFERENCE):
 
 
 def mesh(n, family="ring"):
-    """Return a mesh of hexahedra: 3n sectors, with n/2 layers in the inner tube and 3n/4 in the outer tube."""
+    """Return hexahedra in 3n sectors, with n/2 layers in the inner tube and 3n/4 layers in the outer tube."""
     tubes, layers = {}, max(1, n // 2)
     for name, ends, high in (("inner", RADII[:2], layers), ("outer", RADII[1:], 3 * layers // 2)):
         rings = max(2, round(6 * n * np.log(ends[1] / ends[0]) / np.pi))

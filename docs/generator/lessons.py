@@ -29,7 +29,7 @@ course
 
 
 def write(folder: Path) -> None:
-    """Write `lesson_N.ipynb` and `lesson_N_solutions.ipynb`, which MyST-NB runs, and the page that lists them."""
+    """Write the notebooks of all lessons and solutions, which MyST-NB runs, and the page `index.md`."""
     folder.mkdir(parents=True, exist_ok=True)
     notebooks = folder.parent / "_static" / "notebooks"
     notebooks.mkdir(parents=True, exist_ok=True)
@@ -61,14 +61,14 @@ def write(folder: Path) -> None:
 
 
 def write_if_new(made: dict[str, object], path: Path) -> None:
-    """Write a notebook, unless the file has the same text; so cells of unchanged notebooks do not run again."""
+    """Write a notebook if its text has changed; the cells of unchanged notebooks do not run again."""
     text = json.dumps(made, indent=1, ensure_ascii=False)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
 
 def link_files(line: str, number: int) -> str:
-    """Return a line of lesson `number` in which the names of its solutions and of problem files are links."""
+    """Return a line of lesson `number`; names of problem files and of the file of solutions become links."""
     solutions = f"lesson_{number}_solutions"
     line = line.replace(f"`{solutions}.py`", f"[`{solutions}.py`]({solutions}.ipynb)")
     return re.sub(r"`(?:problems/)?(\w+)\.py`", link_problem, line)

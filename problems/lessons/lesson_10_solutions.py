@@ -49,8 +49,8 @@ assert abs(above - below - 0.5 * bound**2) < 1e-10
 
 # %% [markdown]
 # **3.** Add to $\tau$ a combination of states without a load, and choose the factors for which $|\delta|$ is smallest.
-# This is a least-squares problem. A net has finitely many independent states without a load, and with all of them the
-# bound becomes the error itself. A continuum has infinitely many, so we take the states of a mesh.
+# This is a least-squares problem. A net has finitely many independent states without a load. If we combine all of them,
+# the bound becomes the error itself. A continuum has infinitely many such states, so we take those of a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)

@@ -6,7 +6,7 @@
 # bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound.
 # `vx.error_bound` computes the bound for a body, and an interval for a displacement that one may measure.
 #
-# A certificate (lesson 6) bounds the distance of an answer to the best answer *on its mesh*. A residual estimate
+# A certificate (lesson 6) bounds the distance of an answer to the solution *on the same mesh*. A residual estimate
 # measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is
 # needed.
 #
@@ -279,9 +279,9 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 #
 # <details><summary>Answer</summary>
 #
-# The bound: the error is at least 0.022, by a theorem. So the estimate is too small, whatever its calibration. This is
-# the use of lower bounds: they detect wrong estimates without a reference solution. An estimate above the upper bound
-# would be safe but wasteful.
+# The bound is right: by a theorem, the error is at least 0.022. So the estimate is too small, however it is calibrated.
+# This is the use of lower bounds: they detect wrong estimates without a reference solution. An estimate above the upper
+# bound would be safe but wasteful.
 #
 # </details>
 #

@@ -75,8 +75,8 @@ block_and_spring()
 #
 # $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all velocities } v.$$
 #
-# Insert $\lambda = f - Ku$, and the force of friction is eliminated. The result is the variational inequality (2.3) of
-# the paper, with $a(u, v) = Kuv$:
+# The substitution $\lambda = f - Ku$ eliminates the force of friction. The result is the variational inequality (2.3)
+# of the paper, with $a(u, v) = Kuv$:
 #
 # $$K u\,(v - \dot u) + j(v) - j(\dot u) \;\ge\; f\,(v - \dot u) \qquad \text{for all } v.$$
 
@@ -188,7 +188,7 @@ energies((0.0, 0.8, 2.6))
 #   =\; & \max_{|\lambda| \le w} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}. \end{aligned}$$
 #
 # The inner function of $u$ is now smooth, and its minimum lies where $K u = f - \lambda$. **The multiplier is the force
-# that friction takes**, the $\lambda$ of section 1. Insert this $u$, and a function of $\lambda$ remains, the *dual
+# that friction takes**, the $\lambda$ of section 1. At this $u$ the inner minimum is a function of $\lambda$, the *dual
 # energy*
 #
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$

@@ -20,10 +20,10 @@ def walk(loads, u=0.0, bound=w):
 # %% [markdown]
 # **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
 # $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ this position does
-# not depend on the peak. A computation uses the loads at the ends of steps only; let $\tilde f$ be the largest of them.
-# The error is the difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads
-# lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step
-# can detect this error. (`vemcvx` has an indicator for this error: see `missed_reversal.py` among the problems.)
+# not depend on the peak. A computation uses only the loads at the ends of steps; let $\tilde f$ be the largest of these
+# loads. The error is the difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both
+# loads lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a
+# step can detect this error. (`vemcvx` has an indicator for this error: see `missed_reversal.py` among the problems.)
 
 
 # %%
@@ -72,7 +72,7 @@ def move_damped(loads, k, c=0.5):
 ramp = np.linspace(0.0, peak, 31)
 ends = [move_damped(ramp, k) for k in (1e-3, 1e-1, 1e3)]
 assert ends[0] < ends[1] < ends[2] <= walk(ramp)
-# The slowest slider moves by 0.05 in 1000 s, so the damper changes its position by c * 0.05 / 1000 / K.
+# At the slowest load the slider moves by 0.05 in 1000 s; the damper changes its position by c * 0.05 / 1000 / K.
 assert walk(ramp) - ends[2] <= 0.5 * 0.05 / 1000 / K + 1e-15
 print(f"end positions for fast, slower and slow loads: {np.round(ends, 4)}; without a damper: {walk(ramp)}")
 

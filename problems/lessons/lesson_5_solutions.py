@@ -32,7 +32,7 @@ def active_sets(program, gamma, rounds=40, start=None):
 # %% [markdown]
 # **1.** After (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$. The guess "sticks" needs
 # $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the flexibility
-# $(K^{-1})_{22}$, which is 1 here, so its cycle begins at the `size` 2. (After (back, back)
+# $(K^{-1})_{22}$, which is 1 here, so the cycle of the lesson begins at the `size` 2. (After (back, back)
 # $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
 
 # %%
@@ -73,11 +73,11 @@ assert count_guesses(0.0, 3.0, pushed) == 40
 
 # %% [markdown]
 # **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. It is pulled at
-# its free end by 0.705. As long as a node sticks, it does not move, and the nodes between it and the wall carry no
-# force. So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every
-# other node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63 nodes
-# slip already, and it takes about a tenth of the rounds. So each time step of the package starts from the sets of the
-# step before.
+# its free end by 0.705. As long as a node sticks, the part of the rod between this node and the wall carries no force.
+# So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other
+# node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63 nodes slip
+# already, and the iteration takes about a tenth of the rounds. So each time step of the package starts from the sets of
+# the step before.
 
 
 # %%
@@ -106,9 +106,9 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the solution for nine ten
 # %% [markdown]
 # **4.** Let $\kappa_1$ and $\kappa_m$ be the smallest and the largest eigenvalue of $K$. One sure step multiplies the
 # distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less. The condition number $\kappa_m/\kappa_1$ is
-# up to $10^3$ here, so a distance that is a thousand times smaller may need thousands of steps. Newton's method between
-# the sure steps saves most of them. With accelerated gradients, as in the package, the bound on the number of sure
-# steps is proportional to the root of the condition number.
+# up to $10^3$ here, so it may take thousands of sure steps to reduce the distance by a factor of a thousand. Rounds of
+# Newton's method between sure steps make most of these steps unnecessary. With accelerated gradients, as in the
+# package, the bound on the number of sure steps is proportional to the root of the condition number.
 
 
 # %%
@@ -139,8 +139,8 @@ print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at
 
 # %% [markdown]
 # **5.** Run the iteration until the sets of an earlier round occur again. The length of the cycle is the number of
-# rounds from the first occurrence to the second. The sets determine the next iterate, and thus all later iterates, so
-# one repetition is enough. The length two is the most frequent, but not the only one.
+# rounds from the first occurrence to the second. One repetition is enough, because the sets determine the next iterate,
+# and thus all later iterates. The most frequent length is two, but there are others.
 
 
 # %%

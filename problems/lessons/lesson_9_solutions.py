@@ -26,8 +26,8 @@ assert not pulled.state[1].any()
 assert np.flatnonzero(pulled.state[2]).tolist() == [first]
 
 # %% [markdown]
-# **2.** $\max_{p \ge 0} p^T(s - e)$ is 0 if $s \le e$, and infinite otherwise. Exchange minimum and maximum:
-# $Ks = f - p$, and the dual is
+# **2.** $\max_{p \ge 0} p^T(s - e)$ is 0 if $s \le e$, and infinite otherwise. After the exchange of minimum and
+# maximum, the minimum over $s$ lies where $Ks = f - p$, and the dual is
 #
 # $$\max_{p \ge 0}\; -\tfrac12 (f - p)^TK^{-1}(f - p) - p^Te .$$
 #

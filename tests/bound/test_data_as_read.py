@@ -1,4 +1,4 @@
-"""Bounds for data with features that may be between the quadrature points of the assembly and of the bounds."""
+"""Bounds for data whose features may lie between quadrature points, or between instants."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BAR = (vx.Elasticity(1.0, 0.0), vx.Symmetry(on=["top", "bottom"]))
 
 
 def along(profile):
-    """Return the vector field along x whose component is t * profile(x)."""
+    """Return the vector field (t * profile(x), 0)."""
     return lambda x, t: t * np.column_stack([profile(x), 0.0 * x[:, 0]])
 
 

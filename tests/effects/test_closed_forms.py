@@ -91,7 +91,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """A linear field is given on one side, and one of its components on two sides; tractions load free components."""
+    """One side has a linear displacement, two sides have one component of it; tractions load the free components."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)
@@ -159,7 +159,7 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """A free body has no stress; a body blocked along x has stress along x, and a clamped body in all directions."""
+    """A free body has no stress, a body blocked along x has stress along x, a clamped body has it in all directions."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
@@ -184,7 +184,7 @@ def test_thermal_strain(body):
 
 
 def test_prestress(body):
-    """A clamped body keeps the prestress; a free body relaxes by C^-1 times the prestress."""
+    """A clamped body keeps the prestress; a free body strains by -C^-1 times the prestress and has no stress."""
     d, shear = body.dim, [0.5, -0.7, 0.3][: 1 if body.dim == 2 else 3]
     stress = np.array([3.0, -1.0, 2.0][:d])
     held = body.run(vx.Clamp(on="boundary"), vx.Prestress(lambda x, t: t * np.array([*stress, *shear])))

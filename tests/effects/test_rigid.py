@@ -66,7 +66,7 @@ def punch(e):
 
 
 def test_a_prescribed_motion_and_its_reaction_as_a_load_give_the_same_answer():
-    """A round tool with a rigid back is pressed by a motion, and then by the measured reaction."""
+    """A prescribed motion presses a round tool with a rigid back; in a second run, the first reaction presses it."""
     mesh, clamp, _ = pressed(4)
     round_ = vx.UnilateralContact(on="low|tool", gap=lambda x, t: 0.2 * (x[:, 0] - 0.53) ** 2)
 

@@ -14,7 +14,7 @@ from vemcvx.estimate.budget import error_budget
 
 TYPICAL, MOST = 1.6, 4.0
 QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "block voronoi 16h", "heavy hanging 16v")
-"""Estimates with the root of the area as the width of a cell were .49, .49, .94, .75, 1.26 and .91 times the error."""
+"""With sqrt(area) as the width of a cell, estimates would be .49, .49, .94, .75, 1.26 and .91 times the error."""
 
 
 def measure_effectivity(case):
@@ -53,7 +53,7 @@ def test_the_median_effectivity_of_all_cases_is_small():
 @pytest.mark.long
 @pytest.mark.parametrize("start", [(8, 8), (128, 4), pytest.param(("voronoi", True), marks=pytest.mark.slow)])
 def test_true_errors_meet_the_target_from_stretched_cells(start):
-    """Estimates with the root of the area as the width of a cell led to true errors up to .145; the target is .08."""
+    """The target is .08. With sqrt(area) as the width of a cell, true errors were up to .145."""
     one, other = start
     mesh = stretched(one, 4, 16, other) if isinstance(one, str) else squares(one, other)
     found = vx.adapt(paper_scene(), mesh, [0.0, 1.0], 0.08)

@@ -27,7 +27,7 @@ def near(x, centre, radius):
 
 
 def spot(x, radius=0.08):
-    """Return True inside a disc that contains one centroid of squares(4), and no node."""
+    """Return True inside a disc, which contains one centroid and no node of squares(4)."""
     return np.hypot(x[:, 0] - 0.37, x[:, 1] - 0.38) < radius
 
 
@@ -67,7 +67,7 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return the ratio of estimated to true error. The true error is measured with the moduli of the finer mesh."""
+    """Return (estimated error) / (true error), where the true error has the moduli of the mesh of `truth`."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:
@@ -104,7 +104,7 @@ def test_tractions_with_waves_as_long_as_an_edge_are_in_the_estimate(n):
 @pytest.mark.long
 @pytest.mark.parametrize(("shear", "angle"), [(40.0, 0.4), (400.0, 1.2)])
 def test_estimates_are_one_to_four_times_the_error_in_a_body_of_inclined_fibres(shear, angle):
-    """Fibres are a hundred times stiffer along than across."""
+    """The body is a hundred times stiffer along its fibres than across."""
 
     def pull_and_shear(x, t):
         return t * np.column_stack([4 * x[:, 0] * (1 - x[:, 0]), x[:, 0]])

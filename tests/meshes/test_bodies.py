@@ -109,7 +109,7 @@ def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
 
 
 def test_interfaces_meet_in_crosspoints():
-    """Join three blocks at one point: each of its three nodes has the other two as partners. Then join four blocks."""
+    """Where three blocks meet at a point, each of the three nodes there has the other two as partners."""
     mesh = bodies(
         {
             "left": FAMILIES["voronoi"](3, seed=1),
@@ -132,7 +132,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
-    """Join a hub of n = 12 sides and a tyre of 60 sides: their unit circles are up to 1 - cos(pi / n) apart."""
+    """A hub of n = 12 sides and a tyre of 60 sides meet at the unit circle; they are up to 1 - cos(pi / n) apart."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)
     hub, tyre = ring([0.3, 0.6, 1.0], sides), ring([1.0, 1.5, 2.0], 60, angles=(0.01, 0.01 + 2 * np.pi))
     mesh = bodies({"hub": hub, "tyre": tyre}, tolerance=1.01 * apart)
@@ -161,7 +161,7 @@ def test_three_bodies_at_one_edge_overlap():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """Give the body "soft" a cell datum that is also named "soft". This is valid because all its values are 1."""
+    """The cell datum "soft" may have the name of the body "soft", because its values on this body are all 1."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})

@@ -1,4 +1,4 @@
-"""Meshes of other libraries in memory: conversion from them and to them; sides named by position."""
+"""Conversion of meshes in memory, from and to other libraries; sides that are named by position."""
 
 from __future__ import annotations
 
@@ -256,7 +256,7 @@ def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tm
 
 
 def test_only_straight_sides_at_extreme_coordinates_are_named():
-    """A pentagon with a peak has no top side, and a diamond no side; a very short edge belongs to one side only."""
+    """A pentagon with a peak has no top, a diamond has no named side, a very short edge belongs to one side only."""
     house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
     with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):
         assert set(convert(house).boundaries) == {"left", "right", "bottom", "boundary"}

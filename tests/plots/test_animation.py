@@ -1,4 +1,4 @@
-"""Films have a frame for each stored step at one scale; figures are pictures in notebooks."""
+"""A film has a frame for each stored step, all at one scale; a notebook shows a figure as a picture."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed, show, label)
 
 
 def test_pressures_of_the_size_of_rounding_are_drawn_as_zero():
-    """Without lateral contraction, a strip that is pulled along a plane has no pressure but rounding errors."""
+    """Without lateral contraction, a strip that is pulled along a plane has zero pressure up to rounding."""
     ends = vx.Symmetry(on="left"), vx.BilateralContact(on="bottom")
     pull = vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="right")
     pulled = vx.simulate(vx.Scene(vx.Elasticity(10.0, 0.0), *ends, pull), small("voronoi", 6, seed=2), [0.0, 0.5, 1.0])
@@ -263,7 +263,7 @@ def test_a_body_is_coloured_by_its_stress_with_arrows_of_contact_forces(history)
 
 
 def test_a_magnified_thin_layer_is_not_inverted():
-    """A layer is pressed by a thousandth of its thickness. Its width alone would allow the magnification 10,000."""
+    """A layer is pressed by a thousandth of its thickness; the layer's width would allow the magnification 10,000."""
     press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top")
     scene = vx.Scene(vx.Elasticity(210e9, 0.3), vx.Clamp(on="bottom"), press)
     history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])

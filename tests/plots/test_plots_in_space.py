@@ -78,7 +78,7 @@ def test_the_contact_face_shows_pressure_friction_and_wear(history, show):
 
 @pytest.mark.long
 def test_an_inclined_face_is_drawn_along_its_normal():
-    """The drawing has the lengths of slips and the area 2^(1/2) of the face."""
+    """The drawing keeps the lengths of slips and the area of the face, sqrt(2)."""
     flat = vx.meshes.cubes(2)
     points = flat.points + np.column_stack([0 * flat.points[:, :2], flat.points[:, 0]])
     names = {name: faces for name, faces in flat.boundaries.items() if name != "boundary"}

@@ -1,4 +1,4 @@
-"""The cost of algebraic accuracy: true errors are within certified bounds, and the table shows a broken bound."""
+"""True errors of solvers are within certified bounds, and the table marks a bound that is broken."""
 
 import sys
 from dataclasses import replace

@@ -125,8 +125,8 @@ class Marched:
 
         Let lam be the multipliers of step n, q = K^{-1} g, C = B K^{-1} B' and r = K^{-1} B'lam. In the inner product
         of K, r is the projection of q on a convex set (see `steps_are_stable`). This set contains zero, and is in the
-        range of K^{-1} B'. So |r|_K is at most the norm of the part of q in this range, lam'C lam <= (B q)'C^{-1} B q.
-        Therefore, |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
+        range of K^{-1} B'. So |r|_K^2 = lam'C lam is at most the squared norm of the part of q in this range, which is
+        (B q)'C^{-1} B q. Therefore, |lam_i|^2 is at most (B q)'C^{-1} B q times the norm of block (i, i) of C^{-1}.
         """
         case, B, terms = self.case, self.case.B.toarray(), len(self.case.weights[n])
         inverse = np.linalg.inv(B @ np.linalg.solve(case.K, B.T))
@@ -136,7 +136,7 @@ class Marched:
         return np.minimum(case.weights[n], np.sqrt(push @ inverse @ push * largest))
 
     def friction_gap(self, n):
-        """Return sum w_i |s_i| - lam_i . s_i of the stored step and its rounding error; weights are `capped_weights`.
+        """Return the sum of w_i |s_i| - lam_i . s_i in the stored step, and its rounding error; w are `capped_weights`.
 
         The slip s = B (y_n - y_{n-1}) of N unknowns has errors up to e = (N + 1) eps |B| (|y_n| + |y_{n-1}|). They
         change w|s| - lam.s by at most 2 w e. Rounding of lam adds 2 eps w |s|, because |lam| = w holds up to 2 eps w.
@@ -150,5 +150,5 @@ class Marched:
 
 
 def marched(case, solver):
-    """March a case without the check of the accuracy: tests compare errors with certificates."""
+    """March a case, also if the solver misses its accuracy; tests compare errors with certificates."""
     return Marched(case, case.march(solver, check=False))

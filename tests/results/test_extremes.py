@@ -1,4 +1,4 @@
-"""Extremes are taken over the whole history: after a cycle of loads the last step has none of them."""
+"""Extremes are taken over the whole history; in these runs, no extreme occurs in the last step."""
 
 import json
 

@@ -100,7 +100,7 @@ def test_points_in_slots_of_a_nonconvex_cell_are_outside():
 
 
 def test_points_are_located_far_from_the_origin_and_in_any_unit():
-    """Coordinates near 1e6 are rounded to 1e-10, so points on the boundary may be that far outside."""
+    """Coordinates near 1e6 are rounded to 1e-10, so points on the boundary may lie outside by 1e-10."""
     mesh = small("voronoi", 4)
     far = vx.PolygonMesh(mesh.points / 3 + 1e6, mesh.cells)
     x = np.column_stack([np.linspace(0, 1, 40), np.zeros(40)])

@@ -51,7 +51,7 @@ def swollen(x, t):
 @mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("sides", [12, 24], 1)
 def test_a_ring_turns_in_a_frictionless_housing(housing, sides):
-    """Each node has one mean normal: a node held along the normals of both its sides could not pass corners."""
+    """Each node has one mean normal; a node with a normal of each adjacent side could not pass corners."""
     mesh = vx.meshes.ring([1.0, 1.5, 2.0], sides)
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
     history = vx.simulate(scene, mesh, [0, 1, 2])

@@ -46,7 +46,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The squared error bound is four times that of a quarter; the relative error estimates are equal."""
+    """The squared error bound is four times the squared bound of a quarter tube; relative estimates are equal."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))

@@ -73,7 +73,7 @@ class NotPolished(AssertionError):
 
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i), with its length, the integral of the basis function.
+    """Directions at nodes: row i is direction_i . u(node_i). `lengths` are the integrals of the nodes' basis functions.
 
     Between bodies, row i is direction_i . (u(node_i) - u(partner_i)).
     """

@@ -1,4 +1,4 @@
-"""Comparison of meshes to the bit; measures of parts of the boundary; checks of interfaces."""
+"""Check that meshes are equal bit by bit, measure parts of the boundary, and check interfaces."""
 
 from __future__ import annotations
 

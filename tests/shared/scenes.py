@@ -17,7 +17,7 @@ OF_TRIANGLES = ("triangles",)
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Return a parametrisation: cases get the mark `others`, except the cases `kept` (places or ids; default: 0)."""
+    """Return a parametrisation; cases get the mark `others` unless `kept` has their index or id (default: index 0)."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))
@@ -80,7 +80,7 @@ def cyclic(t):
 
 
 def drawn(family, seed):
-    """Return `family`. For every eighth seed, return a family outside `SEEDED`, if there is one."""
+    """Return `family`, or for every eighth seed a family outside `SEEDED`, if there is one."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 

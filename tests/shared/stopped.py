@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Stopped(Exception):
-    """Error that stops a run in the tests."""
+    """The error that `stop_at` raises."""
 
 
 def stop_at(step):

@@ -1,4 +1,4 @@
-"""Friction with a given bound on one-sided contact acts at closed nodes only, or at all nodes with a warning."""
+"""On one-sided contact, friction with a given bound acts at closed nodes only or, with a warning, at all nodes."""
 
 import warnings
 

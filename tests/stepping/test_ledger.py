@@ -47,7 +47,7 @@ def test_the_ledger_closes(family, moving, condense):
     energy, steps = (0.5 * np.einsum("ni,ni->n", v, (A @ v.T).T) for v in (u, np.diff(u, axis=0)))
     assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
-    # Each entry sums at most 16 differences of numbers that are as large as the energies.
+    # Each entry sums at most 16 differences of numbers of the size of the energies.
     size = np.abs(history.work).max() + history.energy.max()
     assert np.abs(remainder - np.append(0.0, np.cumsum(steps))).max() < 1e-12 * size
     assert steps.sum() > 1e-6 * size
@@ -114,8 +114,8 @@ def test_the_ledger_closes_while_obstacles_move(family, floor):
     rest = np.append(0.0, np.cumsum(rest)) - spring
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
     size = np.abs(history.work).max() + history.energy.max()
-    # Exact answers satisfy the identity. Other answers leave residual forces, and these forces do work. The norm of the
-    # residual forces is at most the certified error.
+    # Exact answers satisfy the identity. Inexact answers have residual forces, which do work. The norm of these forces
+    # is at most the certified error.
     slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
     assert slack <= 1e-7 * size
     assert np.abs(remainder - rest).max() < 1e-12 * size + slack

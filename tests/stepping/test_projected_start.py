@@ -33,7 +33,7 @@ def test_linear_displacements_are_kept(family):
 
 @pytest.mark.parametrize("effect", [vx.Viscosity(shear=1.0), vx.TrescaFriction(1e-3, on="bottom")])
 def test_the_initial_state_is_the_elastic_projection(effect):
-    """With the mean strains eps_K of u_0, a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v), also beside springs."""
+    """a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v), with the mean strains eps_K of u_0; springs change nothing."""
     mesh = small("voronoi", 4)
 
     def u_0(x, t):
@@ -75,7 +75,7 @@ C = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0])
 
 @mostly_long("family", PLANE[:4], "squares")
 def test_errors_from_the_projection_are_of_order_one(family):
-    """Theorem 3.10 of the paper has the start P^h u_0 of (3.26). Here h = 1 / n and k = 1 / (n + 1)."""
+    """Theorem 3.10 of the paper assumes the start P^h u_0, (3.26). Here h = 1 / n and k = 1 / (n + 1)."""
     initial, errors = vx.projected(moving.displacement, settle=False), []
     for n in (8, 16):
         run = vx.simulate(moving.scene(), moving.mesh(n, family), moving.times(n + 1), initial=initial)

@@ -179,7 +179,7 @@ def random_system(rng, n=6, healing=False):
 
 
 def march_by_cvxpy(system, law, times):
-    """Return states from fixed-point iterations of cvxpy, and the largest change in a final iteration."""
+    """Return states from fixed-point iterations with cvxpy, and the largest change in the last iteration of a step."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]
@@ -201,7 +201,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by at most the errors of both methods; later steps enlarge each error less than 20 times."""
+    """States differ by at most the errors of both methods; later steps enlarge an error by a factor of at most 20."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

@@ -70,7 +70,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the beam on its stop. Two graphs have the force of the stop and the deflection of the end, over the load."""
+    """Draw the beam on its stop, and plot the force of the stop and the deflection of the end over the load."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

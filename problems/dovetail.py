@@ -13,9 +13,9 @@ Friction is at most mu N, so that N stays between the lines of full slip,
 
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
-N is on the first line while the root slides out, and on the second while it slides in, if all nodes slip straight along
-the flank. Between the lines the root sticks, and N hardly falls when the pull falls. Such sliding in and out wears the
-roots of turbine blades.
+If all nodes slip straight along the flank, N is on the first line while the root slides out, and on the second line
+while the root slides in. Between the lines the root sticks, and N hardly falls when the pull falls. Such sliding in and
+out wears the roots of turbine blades.
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -37,7 +37,7 @@ SMALL = {"n": 3, "steps": 16, "accuracy": 1e-6}
 
 
 def load(t):
-    """Return P(t): up, down to a quarter, and up again."""
+    """Return P(t), which rises, falls to a quarter, and rises again."""
     return PULL * np.interp(t, [0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.25, 1.0])
 
 
@@ -62,7 +62,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over a grid of lines x, y. The flank is its right side if `is_inside`, else its left side."""
+    """Return hexahedra over a grid of lines x, y. The flank is on their right if `is_inside`, else on their left."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])

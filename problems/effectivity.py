@@ -5,7 +5,7 @@
 The estimate is the sum of the three parts of `vx.error_budget`, with the same constant in all cases. The true error is
 the distance from a reference solution:
 
-- Full slip with two Poisson's ratios. The reference is the closed form; steps make no error.
+- Full slip with two Poisson's ratios. The reference is the closed form; time steps make no error.
 - The paper's scene (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has squares of side
   1/256.
 - A load that reverses, on one mesh. The reference has sixteen times as many steps. The estimate is the part for time
@@ -39,7 +39,7 @@ NEARLY = 0.4999995
 
 @dataclass(frozen=True)
 class Found:
-    """One run: its true relative error, and its largest error budget over time."""
+    """A run with its true relative error, and its error budget at the instant with the largest total."""
 
     case: str
     family: str
@@ -55,7 +55,7 @@ class Found:
 def run_full_slip(family, n, poisson):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
-    # At poisson = .4999995 rounding leaves certified errors of up to 6e-7, so that the default 1e-8 is out of reach.
+    # At poisson = .4999995 rounding leaves certified errors of up to 6e-7, more than the default accuracy of 1e-8.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, n + 1), solver=solver, store="last")
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))

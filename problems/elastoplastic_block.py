@@ -1,6 +1,6 @@
 r"""A block that yields by the criterion of von Mises: Problem 2.1 of the paper with second-order cones.
 
-This is the model of `elastoplastic_truss.py` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7).
+This is the model of `elastoplastic_truss.py` in a continuum in plane strain (Han and Reddy, Plasticity, chapter 7).
 The plastic strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
 $$
@@ -8,17 +8,18 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where only N_2 has a component zz; strains eps have none. Let s = 2 mu (dev eps - P) be the deviator of the stress,
-C the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Stored energy and loss per volume are
+where only N_2 has a component zz; the strain eps has none. Let s = 2 mu (dev eps - P) be the deviator of the stress, C
+the elasticity tensor, H the hardening modulus and sigma_y the yield stress. With the rate P' of P, stored energy and
+loss per volume, and the yield criterion, are
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
 \qquad \text{loss} \qquad R |P'|, \qquad |s - H P| \le R = \sqrt{2/3} \sigma_y.
 $$
 
-On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, with the
-projection Pi on linear fields. The unknowns are u and the coordinates p of P. Let v and q be test functions, and a_K^h
-the elastic form of a cell. The cell has the form a, and the block the loss j:
+On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, where Pi
+projects on linear fields. The unknowns are u and the coordinates p of P. Let v and q be test functions, and a_K^h the
+elastic form of a cell. The form a of a cell and the loss j of the block are
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -35,9 +36,9 @@ in the basis. Each step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Under shear alone, S_xy = tau, the return mapping is the play of `spring_slider_chain.py`: p_3 = play_R(sqrt 2 tau) / H,
-and the shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants. If the
-direction of s changes, backward Euler makes an error.
+Under shear alone, S_xy = tau, the return mapping is the play operator of `spring_slider_chain.py`: p_3 = play_R(sqrt 2
+tau) / H, and the shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants.
+If the direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -63,7 +64,7 @@ SPIRAL = np.linspace(0, 4 * np.pi, 49)
 
 
 class Block(NamedTuple):
-    """A system over (u, p), and the free displacements."""
+    """A system with the unknowns (u, p), and the numbers of the free unknowns in u."""
 
     system: vx.System
     free: np.ndarray

@@ -1,7 +1,7 @@
 r"""Limit loads: the largest force that friction can bear before a body slides, tips or turns.
 
-A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes it without steps, as a
-cone program, with bounds from both sides. Three bodies have closed forms.
+A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes this load without
+steps, as a cone program, with bounds from both sides. Three bodies have closed forms.
 
 *A footing* of the width W bears the weight N and a horizontal force F at the height h. It slides or tips at
 

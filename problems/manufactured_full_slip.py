@@ -12,7 +12,7 @@ increasing phi(t) in place of t, in any number of steps. At t = 1 strains are of
 these strains. In a linear theory the size of strains does not matter. The picture shows a tenth of the displacements.
 
 The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
-O(h^2). The energy that the wrong volume causes is proportional to lambda: at lambda = 1e6 and h = 1/8 this energy
+O(h^2). The wrong volume causes an energy that is proportional to lambda: at lambda = 1e6 and h = 1/8, this energy
 triples the error on hexagons. With ``pulled=True`` the traction sigma(u) n acts on top. Then the volume is free, and
 errors are the same for all lambda.
 
@@ -89,7 +89,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the slipping block, and the friction and the pressure (of either sign) along its contact."""
+    """Draw the slipping block, and friction and pressure along its contact; the pressure may be negative."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

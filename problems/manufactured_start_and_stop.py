@@ -4,8 +4,8 @@ Let w(x) be the displacement of `manufactured_full_slip.py` at t = 1. The block 
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
-in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Numbers of equations are those
-of Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So
+in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Equations are numbered as by
+Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So
 u_0 = w / 2 is not a state of rest. It satisfies the condition (2.1), because loads and friction at the bound balance
 its stresses. At t = 1/2 the block stops. From then on the bound exceeds the friction by b (t - 1/2) with b = `rise`,
 and all nodes stick.

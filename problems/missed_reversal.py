@@ -6,8 +6,8 @@ When the load reverses, all nodes stick at once; then slip in the other directio
 the end the body is unloaded but not stress-free, because friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
-half a step, k/2, away from the nearest instants, and the run misses the last rise of the load, a fraction k of the
-largest load. The run lacks the slip that this rise causes. From the reversal to the end its error is O(k), as (3.28) of
+half a step, k/2, away from the nearest instants. The run misses the last rise of the load, which is the fraction k of
+the largest load, and lacks the slip that this rise causes. From the reversal to the end its error is O(k), as (3.28) of
 the paper allows. With an even number of steps a step ends at the reversal. If the load only grows, as in the paper, no
 slipping node sticks again, and any number of steps gives the same displacement.
 
@@ -24,7 +24,7 @@ SMALL = {"n": 16, "steps": 9}
 
 
 def course(t):
-    """Return the load at the instant t over the largest load."""
+    """Return the load at the instant t, divided by the largest load."""
     return 1.0 - abs(2.0 * t - 1.0)
 
 

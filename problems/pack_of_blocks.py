@@ -4,7 +4,7 @@ Bearings of length L stand in a row between the ground and a plate. The plate mo
 1, 3, 5, linearly in between. Each bearing consists of two blocks with the friction bound g_i between them. The sides of
 the blocks can move along x only, so that both blocks are sheared uniformly, as in `two_blocks_in_series.py`. With the
 heights H_1, H_2 and shear moduli mu_1, mu_2 of the lower and the upper block, C = H_1 / mu_1 + H_2 / mu_2 is the
-compliance of a bearing. Its shear stress q_i and its slip a_i follow step by step from the slip of the step before:
+compliance of a bearing. Shear stress q_i and slip a_i of a bearing follow from the slip of the step before:
 
 $$ q_i = \operatorname{clip}((U - a_i^{\text{before}}) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
@@ -25,7 +25,7 @@ BOUNDS = np.array([0.3, 0.9, 0.6, 1.2])
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
 STARTS = BOUNDS * COMPLIANCE
-"""The displacements U at which each bearing begins to slide."""
+"""The displacement U at which each bearing begins to slide."""
 AMPLITUDE = 1.4 * STARTS.max()
 JOINTS = [f"joint {i + 1}" for i in range(len(BOUNDS))]
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
@@ -50,7 +50,7 @@ def force(t):
 
 
 def exact_solution(instants):
-    """Return the shear stress q and the slip a of the upper on the lower blocks, each (instants, bearings)."""
+    """Return shear stresses q, and slips a of the upper over the lower blocks: two arrays (instants, bearings)."""
     q, a = np.zeros((2, len(instants), len(BOUNDS)))
     for n, U in enumerate(plate(instants[1:]), start=1):
         q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUNDS, BOUNDS)

@@ -10,9 +10,9 @@ $$
 T = \pi \mu p (4 R^3 - c^3) / 6 \qquad \text{for } c \lt R, \qquad T = \pi G t w R^4 / (2 H) \qquad \text{for } c \ge R.
 $$
 
-In full slip, when c tends to 0, every pad has T = 2/3 mu P R, with the force P = p pi R^2. (Nothing slips on the axis,
-so c is not zero. At the end c = R/6, and c^3 is .12 % of 4 R^3.) With n = 6 the error of the torque of full slip is
-below .5 %.
+In full slip, when c tends to 0, every pad has T = 2/3 mu P R, with the force P = p pi R^2. In the run c stays positive,
+because nothing slips on the axis. At the end c = R/6, and c^3 is .12 % of 4 R^3. With n = 6 the torque of full slip has
+an error below .5 %.
 
     vemcvx run problems/twisted_pad.py --n 8 --steps 16 --plot
 """
@@ -80,7 +80,7 @@ def torque(history):
 
 
 def picture(history):
-    """Draw the bottom of the pad when its edge slips, and the torque beside the torque on a thin pad."""
+    """Draw the bottom of the pad when its edge slips, and compare its torque with the torque on a thin pad."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -17,7 +17,7 @@ NO_PROBLEMS = "gallery", "live_page"  # the file that draws all pictures, and th
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)
-LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # problems with a live page, and the step that it opens at
+LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # problems with a live page, and the step at which it opens
 PICTURES = {"paper_figures": tuple(f"paper_figure_{name}" for name in ("1", "2_unit", "2_shear", "3", "4"))}
 STEP_BY_STEP = """## Step by step
 
@@ -123,7 +123,7 @@ def _describe(problem: Problem, name: str) -> str:
 
 
 def _write_cards(group: re.Match[str]) -> str:
-    """Return a grid of cards, and a table of contents, in place of a list of problems."""
+    """Return a grid of cards and a hidden table of contents, which replace a list of problems."""
     cards, pages = [], []
     for problem in map(Problem, group[1].split()):
         first, _, rest = problem.title.partition(": ")

@@ -1,4 +1,4 @@
-"""Slides of the lessons: each shows a formula or a picture of the lesson's page, with at most five lines of text.
+"""Slides of the lessons: each slide has a formula, picture, table or short list, and at most five lines of text.
 
 The slides of a lesson are one HTML page without a framework. Space, arrow and page keys turn the slides, scrolling
 stops at each slide, and a printer puts one slide on a sheet.
@@ -78,7 +78,7 @@ def find_blocks(section: Tag) -> Iterator[Tag]:
 
 def build_slides(blocks: list[Tag]) -> Iterator[str]:
     """Yield the title with the opening paragraph, then a slide for every formula, picture, table and short list."""
-    heading = str(blocks[0]).replace("h1>", "h2>")  # for formulas before the first section
+    heading = str(blocks[0]).replace("h1>", "h2>")  # slides before the first section have the title as heading
     yield str(blocks[0]) + "".join(f"<p>{part}</p>" for part in fit(split_sentences(blocks[1]), LINES, first=True))
     for at, block in enumerate(blocks):
         following = blocks[at + 1 : at + 3]
@@ -96,7 +96,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # without beginnings of formulas
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # formulas end the others
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 

@@ -172,14 +172,14 @@ for _steps in (30, 60, 120):
 # %% [markdown]
 # ## 4. A body
 #
-# Now we pull the body of the paper's Section 4 (with half its friction bound) to and fro. The body is elastic, and each
-# node of its lower side acts like a slider. The nodes do not start to slip at the same time, so the sides of the loop
-# are bent. The energy balance is the same. With the increments $s_n = u_n - u_{n-1}$,
+# Now we pull the body of the paper's Section 4 to and fro, with half of the paper's friction bound. The body is
+# elastic, and each node of its lower side acts like a slider. The nodes do not start to slip at the same time, so the
+# sides of the loop are bent. The energy balance is the same. With the increments $s_n = u_n - u_{n-1}$,
 #
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
 # and the package reports the first three terms as `history.work`, `.energy` and `.dissipated`. The last sum is the
-# numerical loss of backward Euler, which is about halved if the time step is halved. The ratio of the losses is not
+# numerical loss of backward Euler. Half the time step gives about half of this loss. The ratio of the losses is not
 # exactly 2, because some nodes start to slip within a step. So we assert a ratio between 1.9 and 2.1. The package warns
 # if the numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` is free of this loss.
 

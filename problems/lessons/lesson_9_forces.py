@@ -100,8 +100,8 @@ assert best <= above(s) + rounding
 # <details><summary>Answer</summary>
 #
 # It falls. The function $D$ does not change, and the new box is a part of the old box: a maximum over fewer $\lambda$
-# is not larger. (The maximum is smaller here, because the old optimum lies outside the new box.) Both optima are equal,
-# so the least energy falls as well: with less friction the body moves more.
+# is not larger. Here the maximum is smaller, because the old optimum lies outside the new box. The least energy
+# $P(s^*)$ is equal to the maximum of $D$, so it falls as well: with less friction the body moves more.
 #
 # </details>
 #
@@ -131,7 +131,7 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # %% [markdown]
 # ## 3. Uzawa's method: guess the forces, find the slips
 #
-# The gradient of $D$ is $K^{-1}(f - \lambda) = s(\lambda)$, the slips under the guessed forces.
+# The gradient of $D$ is $K^{-1}(f - \lambda) = s(\lambda)$, the slips under the forces $\lambda$.
 #
 # Guess the forces of friction, and solve a *linear* elastic problem with these forces. Wherever a node slips, increase
 # the force of friction against the slip, up to its bound. Repeat:
@@ -195,7 +195,7 @@ for _found in (plain, fast):
     assert (best <= _high + rounding).all()
 
 # %% jupyter={"source_hidden": true}
-# Picture: values of both programs over iterations, which close in on the optimum, and the gap between them
+# Picture: the values of both programs, which close in on the optimum, and the gap between the values, over iterations
 _figure, (_left, _right) = plt.subplots(1, 2, figsize=(9.4, 3.8), layout="constrained")
 for _found, _colour, _words in ((plain, "tab:blue", "Uzawa"), (fast, "tab:orange", "accelerated")):
     _low, _high = bracket(_found)
@@ -280,7 +280,7 @@ _figure
 #    subject to $s \le e$. Solve it by projected gradients for $p$, and compare with `vx.Limits`.
 # 3. Refine the mesh: how do $q$ and the number of iterations for a gap of $10^{-6}$ grow with $n$, with and without
 #    acceleration?
-# 4. Show that $D$ is strictly concave, so the forces are unique. Two friction terms act on one node ($B$ has two equal
-#    rows): which part of this statement remains true?
+# 4. Show that $D$ is strictly concave, so the forces are unique. If two friction terms act on one node, $B$ has two
+#    equal rows. Which part of this statement remains true?
 #
 # Solutions: `lesson_9_solutions.py`.

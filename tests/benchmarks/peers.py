@@ -2,13 +2,14 @@
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--steps 4] [--python /usr/bin/python3]
 
-A block (1 x 1 x 1/4, n x n x n/4 cubes of six tetrahedra, E = 200, nu = .3) is on a rigid floor, mu = .3. Its top has a
-prescribed motion: down, tilted and sideways, in a few steps. Times are CPU seconds.
+A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. Its n x n x n/4 cubes have six
+tetrahedra each. Its top moves down, tilts and moves sideways, in a few steps. Times are CPU seconds.
 
 Siconos (Debian: python3-siconos) solves a step in the form of FCLIB. Contact forces r in Coulomb's cones cause the
 relative displacements u = W r + q: W is the flexibility, and q the displacements without contact forces. Nonsmooth
-Gauss-Seidel (NSGS) starts from the forces of the previous step and stops at 1e-8. We solve the condensed program. W and
-our condensed matrix are computed beforehand. Times are medians over steps; our median leaves out the first step.
+Gauss-Seidel (NSGS) starts from the forces of the previous step and stops at 1e-8. Our solver receives the condensed
+program. Times are medians over steps, without the computation of W and of the condensed matrix; our median leaves
+out the first step.
 """
 
 from __future__ import annotations

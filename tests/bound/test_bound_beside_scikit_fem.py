@@ -1,12 +1,12 @@
 """Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
-functional that u minimises. The triangles of w divide the parts of cells on which v is quadratic, so that |w - v|_a is
-integrated exactly. Triangles are graded towards points where stresses are singular.
+functional that u minimises. On each triangle of the mesh of w, v is quadratic, too, so that |w - v|_a is integrated
+exactly. Triangles are graded towards points where stresses are singular.
 
-The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of its
-normal values are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution before all triangles
-were refined once. We assume J(w_1) - J(w) >= J(w) - J(u). So |w - u|_a^2 <= 2 (J(w_1) - J(w)).
+The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of the
+normal displacement are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution on the next
+coarser mesh. We assume J(w_1) - J(w) >= J(w) - J(u), and obtain |w - u|_a^2 <= 2 (J(w_1) - J(w)).
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Solution:
     J: float
     energy: float
     floor: np.ndarray
-    """Displacements of the edges on the floor; the axes are: edges, both ends and the middle, two components."""
+    """Displacements on the floor: floor[edge, k, component], where k is an end (0, 1) or the middle (2)."""
     along: np.ndarray
     """Coordinates x of both ends of these edges."""
 
@@ -132,7 +132,7 @@ def solve_with_cvxpy(case, mesh):
     edges = on(1, 0.0)
     ends = mesh.facets[:, edges]
     dofs = np.stack([basis.nodal_dofs[:, ends[0]], basis.nodal_dofs[:, ends[1]], basis.facet_dofs[:, edges]])
-    # The axes (3, 2, e) are: both ends and the middle, two components, edges.
+    # dofs[k, component, edge], where k is an end (0, 1) or the middle (2).
     along = mesh.p[0, ends].T
     lengths = np.abs(along[:, 1] - along[:, 0])
     held = basis.get_dofs(on(*case.clamped)).all()

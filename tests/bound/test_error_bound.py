@@ -269,7 +269,7 @@ def sine(t):
 def measure_effectivities(scene, times, n, finer, parts):
     """Return the ratios of upper bounds to distances from a finer run, at up to four steps.
 
-    Instants of the run and bends of the data divide time into intervals; the finer run has `parts` steps in each.
+    The instants of `vx.instants` divide time into intervals; the finer run has `parts` steps in each interval.
     """
     mesh, wanted = vx.meshes.squares(n), np.unique(np.linspace(1, len(times) - 1, 4).astype(int))
     fine_times = [np.linspace(a, b, parts + 1) for a, b in pairwise(vx.instants(scene, mesh, times))]

@@ -1,4 +1,4 @@
-"""`vemcvx export` writes the programs of a run and overwrites no foreign file."""
+"""`vemcvx export` writes the programs of a run."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ VOID = {"meta", "br", "img", "link", "input", "hr"}
 
 
 class Reader(HTMLParser):
-    """The words, tags and addresses of a page; reading it fails if tags are not closed in order."""
+    """The words, tags and addresses of a page. A page whose tags are not closed in order fails."""
 
     def __init__(self, page):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Commands on problem files in space: default meshes, discs, pictures and the report."""
+"""Commands on problem files in space: default meshes, second-order cones, pictures and the report."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_default_meshes_in_space_are_coarser_than_in_the_plane(block, tmp_path, 
         assert "8 cells, 27 nodes" in run(command[0], block, *command[1:])
 
 
-def test_show_names_discs_and_the_solvers_that_refuse_them(block):
+def test_show_names_second_order_cones_and_the_solvers_that_refuse_them(block):
     shown = run("show", block, "--n", "2")
     assert "9 norms of 2 components, 9 second-order cones" in shown
     assert "Elasticity: E = 200.0, nu = 0.3, shear stabilisation" in shown

@@ -1,4 +1,4 @@
-"""Energy distances: closed forms of piecewise fields, zeros, symmetry, and refusals."""
+"""Energy distances: closed forms, symmetry, and refusals."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_affine_fields_have_no_distance_and_distances_are_symmetric(family, seco
     there, back = vx.measures.energy_distance(one, two), vx.measures.energy_distance(two, one)
     assert there.absolute == pytest.approx(back.absolute, rel=1e-12)
     assert np.sum(there.cells**2) == pytest.approx(np.sum(back.cells**2), rel=1e-12)
-    # The common rule is exact for degree 2: int x^2, xy, y^2 on the unit square.
+    # The quadrature rule for both meshes integrates x^2, x y and y^2 exactly.
     rule = common_rule(*meshes)
     x, y = rule.points.T
     assert [rule.weights @ p for p in (x**2, x * y, y**2)] == pytest.approx([1 / 3, 1 / 4, 1 / 3], rel=1e-12)
@@ -76,9 +76,9 @@ def hats(points):
 @pytest.mark.parametrize(("first", "second"), [("squares", "triangles"), ("triangles", "squares")])
 @pytest.mark.parametrize("kind", ["exact", "projected"])
 def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kind):
-    """The interpolant of |x - 1/2| has slopes -1, 0, 1 on three columns and -1, 1 on two columns.
+    """On three columns of cells, the interpolant of |x - 1/2| has the slopes -1, 0, 1; on two columns, -1 and 1.
 
-    Slopes differ by 1 on the middle third, so that the squared distance is (lambda + 2 mu) / 3.
+    These slopes differ by 1 on the middle third, so that the squared distance is (lambda + 2 mu) / 3.
     """
     a, b = field(mesh_of(first, 2), hats), field(mesh_of(second, 3), hats)
     C = LAM + 2 * MU
@@ -92,7 +92,7 @@ def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kin
 def test_hourglasses_on_nested_squares_have_exact_norms():
     """The field u_1 = x_1 x_2 is bilinear on one square, so that interpolation on a refined mesh changes nothing.
 
-    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; in the projection, e_xx = 2 e_xy = 1/2.
+    The integrals of e_xx^2 = x_2^2 and of (2 e_xy)^2 = x_1^2 are 1/3. The projection has e_xx = 2 e_xy = 1/2.
     """
 
     def twist(x):

@@ -18,7 +18,7 @@ def field(mesh, values):
 
 
 def along(values):
-    """Return a function that returns arrays of `width` columns: first the values, then zeros."""
+    """Return a function of the number of columns, which returns an array: first the values, then columns of zeros."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 

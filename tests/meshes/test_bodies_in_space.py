@@ -98,7 +98,7 @@ def round_points(mesh):
 
 @pytest.mark.long
 def test_a_tolerance_matches_points_rounded_to_seven_digits():
-    """Round points at a plane joint, where nodes then lie beside edges, and at a cylinder, where nodes coincide."""
+    """At a plane joint, rounding moves nodes off the edges of the other body; at a cylinder, nodes coincide."""
     lower = round_points(cubes(3, ((-1, 2), (-1, 2), (0, 1))))
     upper = round_points(rotate(SPACE_FAMILIES["tetrahedra"](3, ((0, 1), (0, 1), (1, 2))), 0.4))
     mesh = bodies({"lower": lower, "upper": upper}, tolerance=3e-7)
@@ -110,7 +110,7 @@ def test_a_tolerance_matches_points_rounded_to_seven_digits():
 
 
 def test_cylinders_of_equal_sectors_match_and_others_are_refused():
-    """Unequal numbers of layers along the axis match; unequal numbers of sectors, or rotated sectors, do not."""
+    """Tubes match if only their layers along the axis differ. Tubes with unequal or rotated sectors do not match."""
     pin, lug = ring([0.4, 1.0], 16, 2), ring([1.0, 2.0], 16, 3)
     for meshes in ({"pin": pin, "lug": lug}, {"lug": lug, "pin": pin}):
         mesh = bodies(meshes)

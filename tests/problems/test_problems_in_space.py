@@ -30,7 +30,7 @@ FLOOR = 1e-9
 
 
 def simulate(problem, n, steps=None, family=None, mesh=None, **parameters):
-    """Simulate a problem with the accuracy of its small setting, and with its steps unless they are given."""
+    """Simulate a problem with the accuracy in its `SMALL`, and with the steps in `SMALL` unless `steps` is given."""
     mesh = mesh or (problem.mesh(n) if family is None else problem.mesh(n, family=family))
     small, initial = getattr(problem, "SMALL", {}), getattr(problem, "initial", None)
     times, solver = problem.times(steps or small["steps"]), vx.Newton(small.get("accuracy", 1e-8))
@@ -60,7 +60,7 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """Friction opposes the motion of the plate. The deviation is due to changes of the lag of the sole in a step."""
+    """The force deviates from the closed form because the lag of the sole behind the plate changes within a step."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -120,7 +120,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
     contact, known, found = history.contact, skew.exact_solution(history.times), skew.springs(history)
     assert (contact.partners >= 0).all()
     assert np.abs(skew.forces(history)[:, 2] + skew.load(history.times)).max() < 1e-12
-    # Leave out steps in which rigid blocks stick: elastic blocks may slip slightly then, in any direction.
+    # Leave out steps in which rigid blocks would stick: there elastic blocks may slip slightly, in any direction.
     slides = (contact.slip_count == len(contact.nodes)) & (np.abs(np.diff(known, prepend=0.0)) > 1e-9)
     assert slides.sum() >= 9
     assert found[slides] == pytest.approx(known[slides], rel=1e-4)
@@ -130,7 +130,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
 
 @pytest.mark.long
 def test_a_ball_lifts_off_the_back_of_its_socket():
-    """At first pressures are above p cos(pi / 8): faces at a node are inclined by at most pi / 8 to its mean normal."""
+    """At first pressures are above p cos(pi / 8): faces at a node are inclined by at most pi / 8 to the mean normal."""
     history = simulate(ball, 2)
     contact = history.contact
     assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE
@@ -166,7 +166,7 @@ def test_the_normal_force_of_a_dovetail_is_between_its_values_at_full_slip(slant
 @pytest.mark.long
 @pytest.mark.parametrize("friction", [0.2, 0.1])
 def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
-    """While nodes slip, their friction forces turn towards the pull, until their sum is mu N along the pull."""
+    """While nodes slip, their friction forces turn towards the pull, until the resultant is mu N along the pull."""
     history = vx.simulate(lap_joint.scene(friction), lap_joint.mesh(2), lap_joint.times(20), solver=vx.Newton(1e-7))
     lap, heads, walls = lap_joint.forces_on_upper_plate(history)
     contact, pull, t = history.contact, history.reaction("upper.right"), history.times
@@ -191,7 +191,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
 @pytest.mark.long
 @pytest.mark.parametrize(("n", "target"), [(16, 0.2), pytest.param(24, 0.17, marks=pytest.mark.slow)])
 def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
-    """The comparison is with equal cubes whose true error is not smaller."""
+    """The mesh of equal cubes for comparison has a larger true error."""
     found = bracket.adapt(target)
     equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
     assert bracket.relative_error(found) < min(target, bracket.relative_error(equal))
@@ -202,7 +202,7 @@ def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
 @pytest.mark.filterwarnings("ignore:supports")
 @pytest.mark.parametrize(("n", "upper", "highest"), [(8, None, 0.03), (12, 9, 0.07)])
 def test_two_balls_press_as_hertz_says(n, upper, highest):
-    """Radius and peak of the half-ellipsoid are within three per cent; pressures alternate where meshes differ."""
+    """Radius and peak of the half-ellipsoid agree with Hertz within 3 %. On different meshes, pressures alternate."""
     history = simulate(balls, n, mesh=balls.mesh(n, upper=upper))
     radius, peak = balls.hertz(balls.force(history)[-1])
     found = balls.measure(history)
@@ -213,7 +213,7 @@ def test_two_balls_press_as_hertz_says(n, upper, highest):
 
 @pytest.mark.long
 def test_tubes_that_are_shrunk_on_press_as_lame_says():
-    """Mean pressures and changes of length are within one per cent."""
+    """Mean pressures and changes of length agree with Lame within 1 %."""
     history = simulate(tubes, 8)
     assert tubes.mean_pressure(history) == pytest.approx(tubes.pressure() * history.times, rel=0.01, abs=1e-12)
     assert history.contact.pressure[-1] == pytest.approx(tubes.pressure(), rel=0.04)
@@ -225,7 +225,7 @@ def test_tubes_that_are_shrunk_on_press_as_lame_says():
 
 @pytest.mark.long
 def test_a_cone_clutch_slips_at_its_torque():
-    """The torque is within one per cent, with an error O(1 / sectors^2); pressures are uniform."""
+    """The error of the torque is O(1 / sectors^2), and below 1 % for n = 8. Pressures are uniform."""
     off = []
     for n in (6, 8):
         history = simulate(clutch, n)

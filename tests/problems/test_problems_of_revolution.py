@@ -45,7 +45,7 @@ def test_a_sleeve_is_pushed_off_by_the_force_of_its_joint(poisson):
 
 @pytest.mark.parametrize("friction", [0.0, pytest.param(seal.FRICTION, marks=pytest.mark.long)])
 def test_a_seal_ring_presses_harder_than_the_fluid(friction):
-    """Without friction, walls bear the closed form; friction leaves 80 % of its part above the fluid pressure."""
+    """With friction, the excess of wall pressure over fluid pressure is at least 80 % of the closed form."""
     with gallery.quiet():
         history = vx.simulate(seal.scene(friction), seal.mesh(8), seal.times(4), initial="settled")
     q, area = seal.SEALED * history.times, np.pi * (seal.RADII[1] ** 2 - seal.RADII[0] ** 2)

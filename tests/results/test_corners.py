@@ -78,7 +78,7 @@ def test_frictionless_contact_counts_as_symmetry(degrees, words):
 
 @pytest.mark.parametrize("friction", [(), (vx.CoulombFriction(0.3, on="bottom"),)])
 def test_the_edge_of_contact_inside_a_side_is_no_corner(friction):
-    """One end of the block is lifted: contact ends inside the bottom, and at the left corner."""
+    """The right end of the block is lifted. Contact ends at the left corner, and inside the bottom."""
     lift = vx.PrescribedDisplacement(lambda x, t: t * (x[:, :1] * [0.0, 0.04] + [0.0, -0.02]), on="top")
     history = run_settled(vx.meshes.squares(8), STEEL, lift, vx.UnilateralContact(on="bottom"), *friction)
     places = sorted(history.contact.points.tolist())
@@ -112,7 +112,7 @@ def test_the_tip_of_a_crack_is_marked():
     [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4), (block_between_dies, 8)],
 )
 def test_bounded_stresses_are_not_marked(problem, n):
-    """The problems have contact that opens smoothly, polygons in place of curves, symmetry, and uniform stress."""
+    """In these problems contact opens smoothly, polygons replace curves, symmetry holds sides, or stress is uniform."""
     begin = getattr(problem, "initial", None)
     history = vx.simulate(problem.scene(), problem.mesh(n), problem.times(4), initial=begin)
     assert not any(marks(history).values())
@@ -133,7 +133,7 @@ def test_growth_compares_the_finest_mesh_with_a_clearly_coarser_mesh():
     assert growth(h, h**-0.29) == "grew by a factor 1.22 from h = 0.125 to 0.0625"
     assert growth(h, -3.0 * h**-0.1) == "grew by a factor 1.07 from h = 0.125 to 0.0625"
     assert growth(h, 2.0 - h) == growth(h, np.ones(5)) == growth(h[:1], h[:1]) == growth([], []) == ""
-    # Meshes whose cells are less than 1.5 times as large as the finest cells are skipped.
+    # Meshes are skipped if their cells are less than 1.5 times as large as the finest cells.
     assert growth([1.0, 0.5, 0.5, 0.45], [1.0, 1.3, 1.35, 1.5]) == "grew by a factor 1.5 from h = 1 to 0.45"
 
 

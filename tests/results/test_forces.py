@@ -78,7 +78,7 @@ def dragged():
 
 
 def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
-    """Friction is .6 on a length of 1, including the friction of the corner node of the dragged side."""
+    """Friction is .6 on a length of 1, which includes the corner node of the dragged side."""
     read = vx.read_history(dragged.write(tmp_path / "run"))
     for history in (dragged, read):
         assert history.reaction("up.left")[-1] == pytest.approx([0.6, 0.0], abs=1e-12)
@@ -94,7 +94,7 @@ def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
 
 
 def test_planes_of_symmetry_share_no_force():
-    """Each plane bears the stress normal to it, although both planes meet at a node."""
+    """Each plane bears the stress along its own normal, although both planes meet at a node."""
     pulls = vx.Pressure(2.0, on="right"), vx.Pressure(3.0, on="top")
     scene = vx.Scene(STEEL, vx.Symmetry(on=["left", "bottom"]), *pulls)
     history = vx.simulate(scene, small("voronoi", 5, seed=1), [0.0, 1.0], initial="settled")
@@ -136,7 +136,7 @@ def test_a_section_includes_prestress():
 
 
 def test_means_of_stresses_and_of_linear_displacements_are_exact(dragged):
-    """The mean sigma_xy in the lower block is .6, as on its top. A linear field has its mean at the centroid."""
+    """The mean sigma_xy of `low` is the friction, .6. The mean of a linear field is the value at the centroid."""
     assert dragged.mean("stress", on="low")[-1][2] == pytest.approx(0.6, abs=1e-12)
     mesh, gradient = small("voronoi", 4, seed=2), np.array([[1e-3, 0], [2e-3, 3e-3]])
     stretch = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient, on="boundary")

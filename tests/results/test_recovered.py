@@ -1,4 +1,4 @@
-"""Recovered pressure and friction on meshes that do not match have the resultants of nodal forces, but no ripples."""
+"""On meshes that do not match, recovered pressure and friction keep resultants of nodal forces, without ripples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COULOMB = (vx.CoulombFriction(0.3, on="lower|upper"),)
 
 
 def run_joint(families, counts, friction=(), shear=0.0):
-    """Press one block on another by a load that is not uniform; return contact, and its nodes in the order of x."""
+    """Press one block on another by a load that is not uniform; return contact, and the order of its nodes along x."""
 
     def top(x, t):
         return np.column_stack([np.full(len(x), shear * t), -t * (1 + 0.5 * np.cos(np.pi * x[:, 0] / 2))])

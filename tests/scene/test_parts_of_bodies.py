@@ -24,7 +24,7 @@ def mirrored(mesh, axis):
 
 
 def check_fields(part, whole, loose):
-    """Check that a part has the contact fields of the whole body; return the numbers of its nodes in the whole."""
+    """Check that a part has the contact fields of the whole body; return the part's nodes, as numbered in the whole."""
     one, two = part.contact, whole.contact
     apart = np.linalg.norm(one.points[:, None] - two.points, axis=2)
     there = apart.argmin(axis=1)
@@ -87,7 +87,7 @@ def rings(sectors, turn, order):
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
 def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order):
-    """Without averages of normals and mirror images, friction at the cuts would be .30 times the pressure, not zero."""
+    """If normals were not averaged with their mirror images, friction at the cuts would be .30 times the pressure."""
     joint = "|".join(order)
     effects = (
         STEEL,

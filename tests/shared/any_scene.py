@@ -392,13 +392,13 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Scenes with a kernel refuse a start from equilibrium and iterative solvers. One in ten keeps its settings.
+            # Scenes with a kernel refuse iterative solvers and equilibrium starts. One in ten keeps these settings.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
 
 def draw_two_bodies(seed):
-    """Return the scene of a seed with a second body as ground; None if the body is turned, thin or inhomogeneous.
+    """Return the scene of a seed, with a second body as ground; None if the first is turned, thin or inhomogeneous.
 
     The interface is named "bottom", so that the contact of the ground acts there. The second body stands on a clamp.
     """
@@ -425,7 +425,7 @@ def draw_two_bodies(seed):
 
 
 def _has_kernel(effects, mesh):
-    """Return True if only friction and one-sided contact hold the body; False if supports hold it, or nothing."""
+    """Return True if only friction and one-sided contact hold the body; False if supports or nothing hold it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:

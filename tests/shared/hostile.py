@@ -15,7 +15,7 @@ import vemcvx as vx
 
 ROOT = Path(vx.__file__).parent.parent
 MEMORY = 2 * 2**30
-"""Bytes that a process may use. It may reserve four times as many, because some readers reserve more than they use."""
+"""Bytes that a process may use. The limit for reserved bytes is four times as large: some readers reserve more."""
 SECONDS = 30
 """CPU seconds for a batch of files; an undamaged file takes milliseconds. The wall-clock limit is ten times larger."""
 

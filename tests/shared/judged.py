@@ -184,7 +184,7 @@ def _requested_accuracy(drawn):
 
 
 def _solve_error(drawn, system):
-    """Return the relative error in energy and work from linear systems: min(ROUNDED cond(K), accuracy)."""
+    """Return the relative error of energy and work due to linear solves: min(ROUNDED cond(K), accuracy)."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
@@ -210,7 +210,7 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution for the answer's weights; infinity if weights do not obey the law.
+    """Return the distance from the exact solution with the answer's weights; infinity if the weights break the law.
 
     With large coefficients, a step may have several solutions. An answer that solves the step with its own weights is
     one of these solutions, perhaps not the one that `exact_steps` finds.
@@ -229,8 +229,8 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
     """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    E is the stored energy, a(., .) its form, p the contact pressure, z the normal displacement minus the gap, c the
-    compliance, and d marks increments. A residual r and a duality gap change the balance by r . du + gap, where
+    E is the stored energy, and a(., .) its form. Contact has the pressure p, the normal displacement minus gap z, and
+    the compliance c; d marks increments. A residual r and a duality gap change the balance by r . du + gap, where
     |r . du| <= error |du|_K. A run with dashpots that starts from a given state stores zero pressures for this state,
     but E counts the pressure z / c of soft contact.
     """

@@ -10,7 +10,7 @@ from vemcvx.effects import ContactSurface, Contribution, Friction
 
 @dataclass(frozen=True)
 class Law(vx.Effect):
-    """Friction with any slip law: `bound` returns bounds per length, and `directions(normals)` returns directions."""
+    """Friction with any slip law: `bound` returns bounds per length, and `directions` maps normals to directions."""
 
     bound: object
     softening: float | None = None

@@ -7,7 +7,7 @@ from itertools import combinations
 SMALLEST = 8.0
 """Smallest font size in points: smaller letters cannot be read in print."""
 TOUCHING = 1.0
-"""Pixels by which the boxes of two texts may overlap: boxes are higher than most letters."""
+"""Pixels by which the boxes of two texts may overlap, because boxes are higher than most letters."""
 
 
 def assert_drawn_within_the_page(figure):

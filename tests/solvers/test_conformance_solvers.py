@@ -29,7 +29,7 @@ OWN = {
 OTHERS = {*cvxpy.installed_solvers()} - {"CLARABEL", "OSQP", "PROXQP"}  # the last digits of PROXQP vary
 FOUND = {name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in sorted(OTHERS)}
 FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
-"""Solvers that answer or refuse. Solvers of linear programs accept no step at all (tests/cli/test_cli_compare.py)."""
+"""Solvers that may refuse a program. Those for linear programs only are not in this list, as they accept no step."""
 
 TIMES = np.linspace(0.0, 1.0, 7)
 
@@ -86,7 +86,7 @@ def test_unknown_options_of_a_solver_are_refused_by_name():
 
 
 class Spoilt:
-    """A solver that returns `spoil(answer, program)` for Newton's answers."""
+    """A solver that returns `spoil(answer, program)` in place of Newton's answer."""
 
     def __init__(self, spoil=lambda answer, program: answer):
         self._spoil = spoil

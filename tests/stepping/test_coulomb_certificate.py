@@ -68,7 +68,7 @@ HELD = vx.Scene(
 
 @mostly_long("n", [3, 6, 9, 12])
 def test_a_block_unloaded_to_zero_has_no_contact_forces(n):
-    """A thermal strain that is linear in y causes no stress, so no force remains without a load."""
+    """A thermal strain that is linear in y causes no stress, so no force remains when the load is zero."""
     scene = vx.Scene(
         vx.Elasticity(1000.0, 0.3),
         vx.UnilateralContact(on="bottom"),

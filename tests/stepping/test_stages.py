@@ -19,7 +19,7 @@ MESH, SIDES = blocks(2), ["left", "right"]
 
 
 def pulled(law, out=(0.0, 0.02)):
-    """Return the scene of two blocks; the upper block's left side is displaced by `out` at t = .5 and t = 2."""
+    """Return the scene of two blocks. The upper block's left side has moved by out[0] at t = .5, by out[1] at t = 2."""
     return vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.Clamp(on="low.bottom"),

@@ -203,7 +203,7 @@ def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 @pytest.mark.filterwarnings("ignore:Elasticity. poisson")
 def test_errors_in_space_halve_with_h_for_small_and_large_lambda(family):
-    """lambda / mu is 1.5 or 1e6; tetrahedra have 1.5 only, because linear elements lock at 1e6."""
+    """The ratio lambda / mu is 1.5 or 1e6; for tetrahedra only 1.5, because linear elements lock at 1e6."""
     for poisson in (0.3,) if family == "tetrahedra" else (0.3, 0.4999995):
         scene, lam = full_slip.scene(poisson, pulled=True), full_slip_in_plane.lame(poisson)
         runs = (vx.simulate(scene, vx.meshes.SPACE_FAMILIES[family](n), [0.0, 1.0], check=False) for n in (4, 8))

@@ -1,4 +1,4 @@
-"""Properties that every problem has, on random problems: a few examples by default, over a thousand with -m slow.
+"""Properties that every problem has, tested on a few random problems, or on more than a thousand with -m slow.
 
 A property is a function in tests/properties; its `strategies` draw its arguments. A test counts the examples that the
 property completed, and fails if there are too few.
@@ -50,7 +50,7 @@ def explore(claim, examples):
         claim(**drawn)
         held += 1
 
-    # Hypothesis would complain that a march is slow and draws much data.
+    # Hypothesis would complain about slow examples that draw much data.
     calm = [HealthCheck.too_slow, HealthCheck.data_too_large]
     profile = settings(
         max_examples=examples, derandomize=True, deadline=None, database=None, suppress_health_check=calm

@@ -6,8 +6,8 @@ displacements of the top are measured at some points and instants, with noise.
 
 The unknown bound is linear between knots. `vx.fit` finds its values at the knots from the measurements. Far from the
 pulled end nothing slips, so that the measurements show only that g is large enough there. Therefore we state an
-assumption: the second differences of g between knots are normally distributed, with the standard deviation `BEND`. This
-is the regularisation: the sum of squares gets the terms (second difference / BEND)^2.
+assumption: the second differences of g between knots are normally distributed, with the standard deviation `BEND`. So
+the fit adds the regularising terms (second difference / BEND)^2 to the sum of squares.
 
 The band in the picture is the fitted bound, plus and minus twice its standard error. Where the joint slips, the band is
 narrow and contains the true bound: there the measurements determine g. Where the joint sticks, the band widens: there

@@ -212,8 +212,8 @@ modes()
 # %% [markdown]
 # ## 3. Many cells: the patch test
 #
-# The cells are assembled like finite elements. The *patch test*: prescribe a linear field on the boundary of a mesh,
-# without any load inside. Then the solution must be this field, on every mesh, up to rounding:
+# The cells are assembled like finite elements. The *patch test* prescribes a linear field on the boundary of a mesh,
+# without any load inside. On every mesh, the solution must then be this field, up to rounding:
 #
 # $$u = Ax + b \text{ on the boundary} \quad\Rightarrow\quad u = Ax + b \text{ at all vertices.}$$
 #

@@ -25,7 +25,7 @@ GRADES = {instance.grade for instance in INSTANCES}
 
 
 def choose_small():
-    """Return a small condensed instance of each grade; the grade "no optimum" has one instance of each status."""
+    """Return small condensed instances: one of each grade, but an infeasible and an unbounded one of "no optimum"."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     first = {(one.grade, one.without): one for one in reversed(small)}

@@ -17,7 +17,7 @@ GAP = 2e-9
 
 
 def wrench(points, forces):
-    """Return the columns (6, m) of forces and their moments about the origin; forces and points are (m, dim)."""
+    """Return forces (m, dim) at points (m, dim), and their moments about the origin, as columns (6, m)."""
     x, f = (np.pad(each, ((0, 0), (0, 3 - each.shape[1]))) for each in np.broadcast_arrays(points, forces))
     return np.hstack([f, np.cross(x, f)]).T
 

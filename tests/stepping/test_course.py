@@ -1,4 +1,4 @@
-"""`vx.instants` finds where data reverse and bend, at the same instants on every mesh."""
+"""`vx.instants` finds the instants at which data reverse or bend; they do not depend on the mesh."""
 
 import numpy as np
 import pytest

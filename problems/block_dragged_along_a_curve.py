@@ -1,7 +1,7 @@
 r"""A block dragged along a figure of eight: its friction has a constant magnitude and turns with the path.
 
 A block 2 x 2 x 1/2 with E = 1000, nu = 1/4 is pressed on a rigid floor with Coulomb friction, coefficient mu. A plate
-bonded to its top presses it. Before t = 0 the plate goes down by a five-hundredth of the height. Then the plate is
+bonded to its top presses it. Before t = 0 the plate goes down by 1/500 of the height of the block. Then the plate is
 dragged along
 
 $$ U(t) = R (\sin t, \sin(2 t) / 2), \qquad 0 \le t \le 2 \pi. $$
@@ -10,10 +10,10 @@ Let P be the normal force on the sole, the bottom of the block. In full slip, th
 
 $$ F = -\mu P U' / |U'|, $$
 
-opposite to the velocity U'. In a step of backward Euler, the step U_n - U_{n-1} replaces U'. The formula neglects a
-small effect: the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H,
-the shear modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the
-velocities of sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
+opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. The formula neglects a small effect:
+the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the shear
+modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the velocities of
+sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """
@@ -34,7 +34,7 @@ def top(t):
 
 
 def friction(instants):
-    """Return F / P in each step, (N, 2): opposite to the step."""
+    """Return F / P in each step, (N, 2); F is opposite to the motion in the step."""
     steps = np.diff(top(instants), axis=0)
     return -FRICTION * steps / np.linalg.norm(steps, axis=1, keepdims=True)
 

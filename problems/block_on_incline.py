@@ -2,13 +2,13 @@ r"""A block pushed up an inclined plane: Coulomb friction in unilateral contact,
 
 The plane rises at the angle a, where tan a = .1. The block (0, 2) x (0, 1), rotated by a, rests on the plane under its
 weight G, with the coefficient of friction mu = .3. The lower part of its left side is pushed horizontally by a growing
-displacement. When uphill motion impends, the horizontal force F satisfies
+displacement. When the block begins to slide uphill, the horizontal force F satisfies
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371. $$
 
-This holds for every shape, material and mesh. When every point slips, friction is mu times the pressure at every point,
-so that all forces add up to the forces on a rigid point mass. No equilibrium exists beyond this load; therefore we
-prescribe the displacement and not the force. Before the whole block slides, slip spreads from the ends of its base,
+This holds for every shape, material and mesh. When every point slips, friction is mu times the pressure at every point.
+So the forces on the block add up to the forces on a rigid point mass. No equilibrium exists beyond this load; therefore
+we prescribe the displacement and not the force. Before the whole block slides, slip spreads from the ends of its base,
 mainly from the pushed end.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot

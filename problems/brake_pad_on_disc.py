@@ -7,7 +7,7 @@ pressure, the pressure falls to a tenth, the hub rotates back, and the pad is pr
 first the pad sticks and is sheared.
 
 Let p be the pressure between pad and disc, and N its integral over the arc. Once all of the pad slips, friction is mu p
-at every node, at the radius b: the torque is mu b N. The equilibrium of the pad along y is
+at every node of the rim, which has the radius b. So the torque is mu b N. The equilibrium of the pad along y is
 2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds, with the angle theta measured forward from the middle of
 the pad. This equation gives N if the shape of p(theta) is known. For p = p_0 cos theta, as in a lining that has worn to
 fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
@@ -67,7 +67,7 @@ def scene(friction=FRICTION):
 
 
 def mesh(n, family="polar"):
-    """Return 2n cells along the pad and 24n around the disc: every second node of the rim meets a node of the pad."""
+    """Return a mesh with 2n cells along the pad and 24n around the disc; every second rim node meets a pad node."""
     rings = max(2, round(24 * n / (2 * np.pi) * np.log(RIM / HUB)))
     disc = vx.meshes.ring(np.geomspace(HUB, RIM, rings + 1), 24 * n)
     pad = vx.meshes.squares((2 * n, n), box=((-1, 1), (0, 1)))

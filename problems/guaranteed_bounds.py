@@ -12,8 +12,8 @@ W. Prager and J. L. Synge, *Approximations in elasticity based on the concept of
 The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
 increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
 The third panel of the picture therefore shows the block of `missed_reversal.py`, whose load reverses between two
-instants of the run. The bound then includes an estimate of the error that the missed reversal causes. With more steps
-the bound decreases towards the bound of the mesh error.
+instants of the run. The bound of such a run includes an estimate of the error that the missed reversal causes. With
+more steps the bound decreases towards the bound of the mesh error.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """

@@ -1,6 +1,6 @@
 r"""A parabolic cylinder pressed on an elastic block: Hertz' line contact, compared in pressure and half-width.
 
-The rigid obstacle, a cylinder of radius R, lies x^2 / 2R below the block at x. The elastic block is in plane strain,
+The gap between the block and the rigid cylinder of radius R is x^2 / 2R at x. The elastic block is in plane strain,
 with Young's modulus E and Poisson's ratio nu. Under the force P per length the half-width a of the contact and the
 pressure p(x) are
 

@@ -25,20 +25,19 @@ step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
-The strip sticks, slips and reverses. Virtual elements reproduce u, because u is linear. A closed loop between q = +-Q
-dissipates 4 g L H (Q - g).
+Virtual elements reproduce u, because u is linear. A closed loop between q = -Q and q = Q dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
 x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
 as x grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. The play play_r(q) stays
-within r of q, and changes only if it must. With it
+within r of q, and changes only if it must. With this play
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
 On first loading the zone x < q/g slips, and $u = (q - g x)_+^2 / 2g$, where $(s)_+ = \max(s, 0)$. After a reversal by
 dq the zone x < dq/2g slips back, and u changes by $(dq - 2 g x)_+^2 / 4g$. Further out the friction of the first
-loading stays locked in. A closed loop of swing dq dissipates dq^3 / 12 g per unit width. Only the second derivative of
-u jumps, so that the error in the energy norm is O(h).
+loading stays locked in. A closed loop of swing dq dissipates dq^3 / (12 g) per unit width. Only the second derivative
+of u jumps, so that the error in the energy norm is O(h).
 
     python problems/membrane_with_friction.py --picture membrane_with_friction.png
 """
@@ -72,7 +71,7 @@ class Membrane(NamedTuple):
     rough: np.ndarray
     """Nodes of the friction terms."""
     measures: np.ndarray
-    """The area or length of the node of each friction term."""
+    """The part of the rough area or length that belongs to each node of `rough`."""
 
 
 def scalar_stiffness(mesh):
@@ -105,7 +104,7 @@ def node_lengths(mesh, on):
 
 
 def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
-    """Return a membrane held on one part and pulled by the samples `pull` on another.
+    """Return a membrane that is held on the part `held`, and pulled by the samples `pull` on the part `pulled`.
 
     `rough` (n_nodes,) has the areas or lengths on which friction acts at the nodes, zero at nodes without friction.
     """
@@ -160,13 +159,13 @@ def solve_on_table(mesh, increment=0.5, solver=None):
     """Return the membrane, its trajectory, and the steps of the turning points."""
     pull = course(TURNS, increment)
     posed = pose_on_table(mesh, pull)
-    # Friction acts on nearly every unknown: eliminating the few others would leave a dense matrix of nearly full size.
+    # Friction acts on nearly every unknown. Eliminating the few other unknowns would leave a large dense matrix.
     trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver, condense=False)
     return posed, trajectory, turning_instants(pull, TURNS)
 
 
 def energy_error(posed, trajectory, at, points):
-    """Return |u_h - I u|_a at the turning points over the largest |I u|_a; I u has the nodal values of the exact u."""
+    """Return |u_h - I u|_a / max |I u|_a at the turning points; I u has the nodal values of the exact u."""
     exact, _ = solve_table_exactly(points[posed.free, 0])
     off, K = trajectory.state[at] - exact, posed.system.K
     size = np.einsum("ni,ni->n", exact, (K @ exact.T).T)

@@ -178,7 +178,7 @@ Errors = dict[str, list[vx.measures.Measured]]
 
 
 def errors(sizes: Sequence[int] = SIZES, reference: int = REFERENCE, stabilisation: str = "unit") -> Errors:
-    """Return the distances at t = 1 of runs with h = k = 1/n on squares to the reference run, by every measure."""
+    """Return distances at t = 1 between the reference run and runs on squares with h = k = 1/n, by every measure."""
     scene = paper.scene(stabilisation=stabilisation)
     fine = vx.simulate(scene, paper.mesh(reference), paper.times(reference), store="last")
     found: Errors = {kind: [] for kind in (*KINDS, "nodal, 2 mu", "in time")}
@@ -272,10 +272,10 @@ def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
 
 
 def nodes(counts: Sequence[int] = tuple(PRINTED_NODES), seeds: int = 5) -> list[tuple[int, int, int, int, int, float]]:
-    """Return a row of numbers for each number of elements.
+    """Return a row of six numbers for each number of elements.
 
-    A row has the number of elements, and four numbers of nodes: the fewest and the most of polygons over the seeds, of
-    polygons without collapsed edges, and of triangles. Its last number is the longest side of a polygon.
+    The numbers are: elements; the fewest and the most nodes of polygon meshes over the seeds; the nodes of a
+    polygon mesh without collapsed edges; the nodes of a triangle mesh; the longest side of a polygon.
     """
     rows = []
     for count in counts:

@@ -1,10 +1,10 @@
 r"""A block pressed on a rough floor, then sheared back and forth: two stages, in closed form, exact on every mesh.
 
 The block (0, L) x (0, H) has L = 2, H = 1/2, E = 1000, nu = 0, and lies on a floor with Coulomb friction of coefficient
-f. In the first stage, 0 <= t <= 1, a pressure on the top grows to P. Then u_y = -t P y / E, and because nu = 0 the
-friction force is zero. In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1,
--1, 1) at the instants 1, 2, 4, 6. Let gamma be the shear, and mu = E / 2. The tractions +-mu gamma act on the sides of
-the block. Therefore the shear is uniform, and the slip a is the same on the whole floor. After step n
+f. In the first stage, 0 <= t <= 1, a pressure on the top grows to P. Then u_y = -t P y / E. As nu = 0, the friction
+force is zero. In the second stage the pressure stays, and the top is moved along the floor by U(t) = U0 (0, 1, -1, 1)
+at the instants 1, 2, 4, 6. Let gamma be the shear, and mu = E / 2. The tractions +-mu gamma act on the sides of the
+block. Therefore the shear is uniform, and the slip a is the same on the whole floor. After step n
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm f P / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
@@ -75,7 +75,7 @@ def mesh(n, family="squares"):
 
 
 def picture(history):
-    """Draw the block at the last instant, and the loop of its top in the second stage."""
+    """Draw the block at the last instant, and the reaction of the top over its displacement in the second stage."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

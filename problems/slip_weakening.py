@@ -15,8 +15,8 @@ $$
 \quad \text{else } |da| = (|\mu(U - a) / H| - g_r) / (\mu/ H).
 $$
 
-If k < mu / H, a step has one solution; otherwise the block would jump. The effect passes k as
-`softening`, and a warning is issued if k is too large for the stiffness of the block.
+If k < mu / H, a step has one solution. For larger k the block would jump. The effect passes k as `softening`, and a
+warning is issued if k is too large for the stiffness of the block.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
 

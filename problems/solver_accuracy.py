@@ -2,10 +2,11 @@ r"""The cost of algebraic accuracy: requested, certified and true errors of ever
 
 Every solver solves two steps of `feng_han_huang.py` with several requested accuracies. A friction term i is
 *degenerate* if its friction is at its bound, |lam_i| = w_i, and its slip s_i is zero. In the step *growing* the load
-grows from 3/4 to 1 of its full size, and further nodes slip; no term is degenerate. In the step *return* the load, once
-full and then reduced to 1/2, is full again: all nodes that had slipped arrive at their bounds at once, and nearly half
-of the terms are degenerate. The condensed program has one unknown per contact node; the full program has all unknowns.
-Solvers also march the chain of `spring_slider_chain.py`, which has degenerate steps and a closed form.
+grows from 3/4 to 1 of its full size, and further nodes slip; no term is degenerate. Before the step *return* the load
+was full and then 1/2; in this step it grows to its full size again. All nodes that had slipped arrive at their bounds
+at once, and nearly half of the terms are degenerate. The condensed program has one unknown per contact node; the full
+program has all unknowns. Solvers also march the chain of `spring_slider_chain.py`, which has degenerate steps and a
+closed form.
 
 Every solution u is compared with Newton's solution u*, which is certified to rounding. The floor is the part of a gap
 that rounding may cause. With the stiffness K of all unknowns,
@@ -18,14 +19,15 @@ $$
 All errors are relative to the largest |u*|_K up to the step. A row that violates this bound is printed as WRONG, and
 the exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run: the
 median over the repetitions. In each repetition the solver first solves the step before, because OSQP and SCS start from
-their last solution. Set-up is factorisation and condensation, and the additional time of the first step (compilation by
-cvxpy). The requested accuracies get stricter until a solver misses one. The seconds of a miss include a second attempt.
+their last solution. The time of set-up is that of factorisation and condensation, plus the additional time of the first
+step, in which cvxpy compiles. The requested accuracies get stricter until a solver misses one. The seconds of a miss
+include a second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
 - Without degenerate terms the error of a conic solution is proportional to the gap, and the certified error to the root
-  of the gap. So solutions are much more accurate than certified: Clarabel's error is 1.5e-13, certified 6.5e-8. With
-  degenerate terms Clarabel's errors are within a factor of two of the certified errors: the bound is sharp.
+  of the gap. So solutions are much more accurate than certified: Clarabel's error is 1.5e-13 where 6.5e-8 is certified.
+  With degenerate terms Clarabel's errors are within a factor of two of the certified errors: the bound is sharp.
 - Clarabel's least certified errors are 1.0e-9 (condensed) and 3.6e-8 (full) without degenerate terms, and 1.4e-8 and
   2.9e-8 with them. For the accuracy 1e-7 Clarabel takes 20 iterations with degenerate terms, and 11 without. On the
   chain it reaches 1e-6; it misses 1e-8 in 54 of 117 steps, with certified errors of up to 7.0e-7. From all these

@@ -12,9 +12,9 @@ $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), 
 
 where the second root is replaced by 0 for r > c (Johnson, 7.2). Here nu = .45. The closed form neglects the small slip
 at right angles to Q; the computation includes it. The block extends 6 a to all sides. Unlike a half-space, it widens
-when it is pressed, so that its nodes slip. Friction therefore acts only after pressing, from t = 1 on. One half of the
-block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it. The top is
-pressed down and then dragged without rotation; P and Q are measured.
+when it is pressed, so that contact nodes move sideways. Friction therefore acts only after pressing, from t = 1 on. One
+half of the block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it.
+The top is pressed down and then dragged without rotation; P and Q are measured.
 
 With n = 8 the radius a is 3 % smaller, and the pressure p_0 is 4 % larger, than Hertz' values. If the cells near the
 contact are cubes (`quarter`), both agree within 2 %. In r < c / 2, friction is 4 to 7 % below the closed form. The
@@ -98,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return a for a density sqrt(1 - r^2 / a^2) of forces `weights` at `places`: the mean of r^2 is 2/5 a^2."""
+    """Return the radius a of a density sqrt(1 - r^2 / a^2) of forces `weights`: the mean of r^2 is 2/5 a^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))

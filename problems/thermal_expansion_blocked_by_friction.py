@@ -20,7 +20,7 @@ not slip, and N falls by E H alpha T = g l. Both changes are equal at s = l / 2.
 
 $$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$
 
-Half of the expansion stays, and so does a tensile force of up to g l / 2. During every further heating, the end returns
+Half of the expansion stays. A tensile force of up to g l / 2 stays, too. During every further heating, the end returns
 to u_1. Friction dissipates int g u(s) ds = g^2 l^3 / (6 E H) in the first heating, with u(s) = g (l - s)^2 / (2 E H).
 The relative error of the rod model is O(H / l).
 

@@ -58,7 +58,7 @@ class Case:
     make: Callable[[], Setting]
     must: str = ANSWER
     says: str = ""
-    """Words in the warning or the error."""
+    """Words that the warning or the error must contain."""
     holds: Callable[[Setting, vx.History], str] = lambda setting, history: ""
     """A further check, which returns the fault, or an empty string if there is none."""
     solvers: tuple[vx.Solver, ...] = SOLVERS

@@ -66,7 +66,7 @@ def fit_box(points, cells):
 
 
 def draw_cells(*rows):
-    """Return cells of the unit square drawn with letters: each cell is the union of the squares with its letter."""
+    """Return points and cells of the unit square: the small squares with the same letter in `rows` form one cell."""
     picture = np.array([list(row) for row in rows[::-1]])
     height, width = picture.shape
     number = np.arange((width + 1) * (height + 1)).reshape(height + 1, width + 1)

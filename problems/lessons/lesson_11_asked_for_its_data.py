@@ -111,7 +111,8 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
-# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. They change right-hand sides only. So
+# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. They only change the right-hand sides of
+# these equations. So the derivatives obey
 #
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #
@@ -251,7 +252,7 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 #
 # You need the forward sweep: three right-hand sides in each step yield the derivatives at all 64 instants. The
 # Gauss-Newton method needs all of them, and the adjoint would need 64 backward sweeps. Your colleague needs the
-# adjoint: the sum of squares is one quantity, so one backward sweep yields 1,000 derivatives, and the forward sweep
+# adjoint: the sum of squares is one quantity, so one backward sweep yields all 1,000 derivatives. The forward sweep
 # would carry 1,000 columns.
 #
 # </details>
@@ -319,8 +320,8 @@ _figure
 # $|\lambda_i| < w_i$ in all steps. So the column of $J$ for its bound is zero, wherever we measure. $J^T J$ is
 # singular, and least squares alone cannot determine this bound.
 #
-# To determine the bounds of all nodes, we must state an assumption, for example that each bound is known up to $\pm 2$
-# beforehand. The covariance is then
+# To determine the bounds of all nodes, we need an assumption. For example, assume that each bound is known beforehand,
+# up to $\pm 2$. The covariance is then
 #
 # $$\Bigl(\frac{J^T J}{\sigma^2} + \frac{I}{2^2}\Bigr)^{-1} .$$
 
@@ -400,7 +401,7 @@ load = vx.Traction(lambda x, t: np.tile([0.0, 2.0, 0.0], (len(x), 1)), on="right
 limit = vx.limit_load(scene, vx.meshes.cubes((8, 4, 1), box=((-2, 2), (-0.5, 0.5), (0, 0.5))), load)
 print(f"vx.limit_load: {limit.factor:.8f} to {limit.upper:.8f}; {limit.mechanism}")
 assert limit.factor - 1e-6 <= alpha.value <= limit.upper + 1e-6
-assert upper < area.sum()  # the limit load of a push through the middle, which does not rotate the plate
+assert upper < area.sum()  # a push through the middle would not rotate the plate, and has the limit load area.sum()
 
 # %% jupyter={"source_hidden": true}
 # Picture: the plate from above; friction forces at the limit run around the centre of rotation on the axis of the plate

@@ -15,8 +15,8 @@ def step(u_prev, f, bound=w):
 
 
 # %% [markdown]
-# **1.** The block stays while $(f - w)/K \le 0.7 \le (f + w)/K$, that is for $|f - 0.7 K| \le w$: for pulls from 0.4 to
-# 2.4, both included. Pulls of 0.399 and of 2.401 move the block.
+# **1.** The block stays while $(f - w)/K \le 0.7 \le (f + w)/K$, that is for $|f - 0.7 K| \le w$. These are the pulls
+# from 0.4 to 2.4, both included. Pulls of 0.399 and of 2.401 move the block.
 
 # %%
 inside, beyond = (0.4 + 1e-3, 1.0, 2.4 - 1e-3), (0.4 - 1e-3, 2.4 + 1e-3)
@@ -70,9 +70,9 @@ assert ride(50) == w / K
 # %% [markdown]
 # **5.** Clipping two points to the same interval does not increase their distance. A second proof carries over to many
 # unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: with this $v$ the
-# first block has the slip of the second. Exchange the roles, and add both inequalities. The terms in $w$ cancel, and
-# $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps at most add up; later steps
-# do not amplify them.
+# first block has the slip of the second block. Exchange both blocks, and add both inequalities. The terms in $w$
+# cancel, and $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps at most add up;
+# later steps do not amplify them.
 
 # %%
 pairs = rng.uniform(-2.0, 2.0, size=(200, 3))

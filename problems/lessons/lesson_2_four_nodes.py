@@ -55,7 +55,7 @@ print("positions", np.round(u.value, 6) + 0.0)
 # How close should the solver come? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$
 # of the positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest
 # eigenvalue of $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, the bound is much
-# better. A computed slip $s_i$ of this block makes the gap at least (lesson 6)
+# better. If the computed slip of this block is $s_i$, the gap is at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
@@ -83,8 +83,9 @@ print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e},
 # $|\lambda_i| < w_i$ sticks. Where a block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force of friction *on*
 # the block is $-\lambda_i$, opposite to the slip.
 #
-# **What the solver returns.** For the cone $|s_i| \le d_i$ the solver returns a pair $(\xi_i, \zeta_i)$ in the
-# *dual cone*. This is the set of all pairs with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone, so again
+# **What the solver returns.** For the cone $|s_i| \le d_i$ the solver returns a pair $(\xi_i, \zeta_i)$ in the *dual
+# cone*. The dual cone contains all pairs $(\xi, \zeta)$ with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone.
+# Here both cones are the same:
 #
 # $$|\zeta_i| \le \xi_i .$$
 #
@@ -93,7 +94,8 @@ print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e},
 # - Stationarity in $d_i$ gives $w_i - \xi_i = 0$: **the first component is the friction bound**.
 # - Stationarity in $u$ gives $Ku - f - \zeta = 0$, so $\zeta_i = -\lambda_i$: **the second component is the force on
 #   the block**. Note the sign.
-# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means that there is full friction against the slip, or no slip.
+# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means: a block sticks, or its friction has the size $w_i$ and
+#   opposes its slip.
 
 # %%
 xi = np.array([cone.dual_value[0].item() for cone in cones])
@@ -187,8 +189,8 @@ def step_in_the_plane(pull, before):
 #
 # Where a block sticks, $\lambda_i$ may be anywhere in the disc.
 #
-# How accurately does the solver satisfy this? Complementarity holds up to the gap: $w|s| - \lambda \cdot s \le$ 1e-8.
-# For a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
+# How accurately does the solver satisfy this equation? Complementarity holds up to the gap:
+# $w|s| - \lambda \cdot s \le$ 1e-8. For a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
 # $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$. So $\theta$ is at most 2e-4 if $w = 0.5$ and $|s| = 1$.
 
 # %%

@@ -49,8 +49,9 @@ assert 0.08 < measured <= 0.1
 assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
 # %% [markdown]
-# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps that have the reversals in the middle.
-# Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the peak. So the order is 1.
+# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps of a length $k$ that have the reversals
+# in their middle. Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the peak. So the
+# order is 1.
 
 
 # %%
@@ -102,5 +103,5 @@ h = np.linspace(1e-4, target / C_h - 1e-4, 20001)
 cost = 1 / (h**2 * (target - C_h * h) / C_k)
 best = C_h * h[np.argmin(cost)] / target
 print(f"at the least cost the mesh causes this fraction of the error: {best:.4f}")
-assert abs(best - 2 / 3) <= C_h * (h[1] - h[0]) / target  # the spacing of the grid
+assert abs(best - 2 / 3) <= C_h * (h[1] - h[0]) / target  # the spacing of the tried values
 print("all solutions hold")

@@ -26,7 +26,7 @@ def check_inside(bound, exact, error=0.0):
     return bound.high - bound.low
 
 
-# Manufactured full slip, whose displacement is known.
+# Full slip with a known displacement.
 
 
 def waves(x, t):
@@ -62,7 +62,7 @@ def test_bounds_enclose_quantities_of_full_slip(family, name):
     assert widths[1] < 0.6 * widths[0]
 
 
-# Without friction. The intervals of all meshes contain the exact value, so that they intersect.
+# Without friction. The intervals of all meshes contain the exact value, so the intervals intersect.
 
 
 def bonded(*effects):
@@ -122,7 +122,7 @@ def test_forces_of_supports_balance_loads_to_rounding():
         assert np.isclose(bound.value, np.dot(history.reaction("left")[-1], way))
 
 
-# With friction and contact, compared with intervals of much finer meshes.
+# Scenes with friction and contact: bounds are compared with the intervals of much finer meshes.
 
 
 def check_against_finer(scene, meshes, of, end=1.0):

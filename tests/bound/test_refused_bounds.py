@@ -58,7 +58,7 @@ def waves(x, t):
 
 
 def test_histories_that_begin_at_a_projected_function_have_no_bound():
-    """A bound would be 9e-18 for an error of .002: the exact history does not begin at the state of the run."""
+    """Without the refusal, the bound would be 9e-18 for an error of .002: the exact history begins at `waves`."""
     bar = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Symmetry(on=["top", "bottom"]))
     held = bar.with_(vx.BilateralContact(on="right"), vx.TrescaFriction(10.0, on="right"))
     history = vx.simulate(held, vx.meshes.squares(4), [0.0, 1.0], initial=vx.projected(waves))

@@ -1,7 +1,4 @@
-"""Impossible effects of users are refused by name, and doubtful scenes cause warnings.
-
-whole/messages.txt has the refusals of the effects of the package.
-"""
+"""Impossible effects of users are refused by name, and doubtful scenes cause warnings."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +14,7 @@ STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
 
 @dataclass(frozen=True)
 class Mine(vx.Effect):
-    """A rigid obstacle with friction, some fields of which are replaced."""
+    """A rigid obstacle `stop` with friction; the given values replace fields of both."""
 
     friction: object = None
     stop: object = None
@@ -61,7 +58,6 @@ def test_simplices_near_incompressibility_cause_a_warning(mesh):
 
 
 def test_friction_without_contact_causes_a_warning():
-    """The most likely mistake: nothing presses the body against the boundary with friction."""
     scene = vx.Scene(STEEL, HELD, vx.TrescaFriction(4.0, on="bottom"))
     with pytest.warns(vx.SceneWarning, match="^TrescaFriction on bottom: at 3 of 4 places nothing holds the body"):
         vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0])

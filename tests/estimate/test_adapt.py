@@ -41,7 +41,6 @@ def test_true_errors_meet_targets_in_nine_of_ten_scenes(seeds, least):
 
 @pytest.mark.long
 def test_passes_grow_and_the_last_one_is_the_result(tmp_path):
-    """Files contain the three parts of the error."""
     passes = []
     found = vx.adapt(
         paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1, solver=vx.Clarabel(accuracy=1e-6), progress=passes.append
@@ -137,7 +136,7 @@ def test_adaptive_meshes_need_fewer_unknowns():
 
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_found():
-    """At the requested instants only the preload acts, so that errors must also be estimated between them."""
+    """At the requested instants only the preload acts, so errors must also be estimated between these instants."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])

@@ -1,4 +1,4 @@
-"""Estimated errors of steps are one to five times the true errors, which runs in finer steps give."""
+"""Estimated errors of steps are one to five times the errors that runs in finer steps show."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def find_course(scene, times=(0.0, 1.0)):
 
 @pytest.mark.long
 def test_tops_of_smooth_data_are_found():
-    """The load has its top at .401, near the instant .4: halved steps alone would not show the error."""
+    """The load is largest at .401, near the instant .4, so that halved steps alone would not show the error."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
     assert np.abs(find_course(scene, times).bends - top).min() <= 1e-9

@@ -1,4 +1,4 @@
-"""PETSc on two ranks under mpiexec: answers are the same, the work is shared, and an error of one rank ends both."""
+"""PETSc on two ranks under mpiexec: answers agree, the work is shared, and an error of one rank ends both ranks."""
 
 import os
 import re

@@ -8,7 +8,7 @@ import vemcvx as vx
 
 
 def write(path, points, blocks, tags, groups):
-    """Write a Gmsh file: `tags` has the group of each cell, and `groups` the number and dimension of each name."""
+    """Write a Gmsh file: `tags` has the number of each cell's group, `groups` the number and dimension of each name."""
     mesh = meshio.Mesh(
         np.pad(points, ((0, 0), (0, 3 - np.shape(points)[1]))),
         blocks,

@@ -55,7 +55,6 @@ def test_sides_of_a_box_are_named_by_position_unless_boundaries_are_given():
 
 
 def test_given_boundaries_may_have_any_order_and_direction():
-    """Give a mesh one named boundary. Then copy all boundaries of a mesh to another mesh; "boundary" is also copied."""
     mesh = PolygonMesh(SQUARE, HALVES, boundaries={"L": [(0, 3), (1, 0), (0, 1)]})
     assert mesh.boundaries["L"].tolist() == [[0, 1], [3, 0]]
     first = vx.meshes.squares(2)

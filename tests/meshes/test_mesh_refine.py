@@ -101,7 +101,7 @@ def test_grading_refines_no_more_cells_than_necessary():
     mesh = vx.meshes.squares(4).refine([5])
     assert mesh.n_cells == 16 + 3
     child = np.argmin(np.hypot(*(mesh.centroids - [0.3, 0.3]).T))
-    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # splits two neighbours too: each has a hanging node already
+    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # also splits two neighbours: both have a hanging node
 
 
 SOLIDS = {"tetrahedra": tetrahedra(2), "cubes": vx.meshes.cubes(2), "prisms": vx.meshes.prisms(2)}

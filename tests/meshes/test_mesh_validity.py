@@ -80,7 +80,7 @@ def assert_valid(points, cells, area):
 
 
 def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
-    """Put a node at a third of an edge: rounding moves it to either side by a unit in the last place."""
+    """Put a node on an edge, at a third of its length: rounding moves the node to either side of the edge."""
     for a, b in (((0.1, 0.3), (0.7, 1.1)), ((-0.3, 0.9), (1e3, 7.7))):
         a, b = np.array(a), np.array(b)
         node = a + (b - a) / 3.0
@@ -93,7 +93,7 @@ def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
 
 @pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
 def test_tiny_edges_are_valid(offset):
-    """Two cells share a long edge and an edge of about 1e-12, or of about 1e-10 if the offset is not zero."""
+    """Two cells share a long edge and a tiny edge: its length is about 1e-12, or 1e-10 with an offset."""
     tiny = 1e-12 if not offset else 1e-12 * 64  # floating-point numbers near 40 are 64 times as far apart as below 1
     points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
     mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])

@@ -17,7 +17,7 @@ def test_slip_weakening_follows_its_closed_form(family):
     assert history.certificate_kind == "for the given friction"
     contact, (q, a) = history.contact, weakening.exact_solution(times)
     path = np.append(0.0, np.abs(np.diff(a)).cumsum())
-    # Friction weakens in both directions.
+    # The bound also falls while the block slips back.
     bound = np.maximum(weakening.PEAK - weakening.FALL * path, weakening.RESIDUAL)
     assert (np.diff(bound[times > 1.5]) < 0).any()
     for found, exact in (

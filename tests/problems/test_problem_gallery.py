@@ -96,7 +96,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
 
 
 def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
-    """Closed contact bears the rock's stress minus the fluid pressure. In the middle, the opening is within 3 %."""
+    """Closed contact bears the rock's stress minus the fluid pressure. Middle openings have errors below 3 %."""
     history = run_small(crack)
     p, x = crack.fluid(history.times), crack.measure_opening(history)[0]
     bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)
@@ -189,7 +189,7 @@ def test_a_beam_meets_its_stop():
     force = beam.FORCE * history.times
     end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
     found, R = -history.displacement[:, end, 1].mean(axis=1), history.force("stop")[:, 1]
-    # With squares of side H/16 the beam bends .8 % too little. Dents at force and stop add O((H / L)^2).
+    # With squares of side H/16 the beam bends .8 % too little. Dents at the force and at the stop add O((H / L)^2).
     near = {"rel": 0.01, "abs": 1e-6}
     assert found == pytest.approx(beam.end_deflection(force), **near)
     free = force * beam.deflection_by_force() < beam.GAP

@@ -67,7 +67,7 @@ def test_a_problem_file_imports_no_other_problem_file(name):
     "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
 )
 def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
-    """A new process is needed, because the sys.path of pytest has the folder of problems."""
+    """Start a new process, because in this one sys.path has the folder of problems."""
     shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
     problem = import_module(name)
     steps = ["--steps", "2"] if hasattr(problem, "times") else []

@@ -17,7 +17,7 @@ SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_
 
 
 def draw_program(seed, block=1, separate=False):
-    """Return a program with norm terms and limits, one of which is compliant; if `separate`, rows share no unknown."""
+    """Return a program with norm terms and limits, one of them compliant; if `separate`, no rows share an unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))

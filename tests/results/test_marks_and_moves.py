@@ -25,7 +25,7 @@ def contents(folder):
 
 
 def write_list(folder, *names):
-    """Make a folder with a list that claims that these files are ours."""
+    """Make a folder whose list of our files has these names."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / LIST).write_text("".join(f"{line}\n" for line in ("vemcvx files 1", *names)))
 
@@ -75,7 +75,7 @@ class Died(BaseException):
 @pytest.mark.long
 @pytest.mark.parametrize("move", [1, 2, 6, 9, 10])
 def test_the_old_or_the_new_history_is_read_wherever_a_process_dies(tmp_path, monkeypatch, move):
-    """The new history has nine files: archive, four steps, two tables, series, summary. The archive moves first."""
+    """Writing replaces nine files: the archive, then four steps, two tables, the series and the summary."""
     old, new = run(steps=5), run(bound=1.0)
     (tmp_path / "thesis.csv").write_text("a thesis")
     old.write(tmp_path)

@@ -1,8 +1,8 @@
 """Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds.
 
-|.|_a is the energy norm. Arrays of a chunk of c cells have the shape (c, n, ...), because a cell is a fan of n
-triangles. Each triangle has three parts with 10 nodes in all, 20 values of a displacement, and 18 stations, the points
-at which strains are given (see `vemcvx.bound.fan`).
+|.|_a is the energy norm. A cell is a fan of n triangles; arrays of a chunk of c cells have the shape (c, n, ...). Each
+triangle has three parts with 10 nodes in all, so a displacement has 20 values in a triangle. Strains are given at 18
+points of a triangle, the stations (see `vemcvx.bound.fan`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Return the values (c, n, 20) of the displacement with least potential energy and the given values on outlines."""
+    """Return the displacement (c, n, 20) of least potential energy that has the given values on the outlines."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -49,7 +49,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a: v, w are the conforming displacements of two nodal arrays, for equal body forces."""
+    """Return |v - w|_a for the conforming displacements v, w of two nodal arrays, under equal body forces."""
     apart = one - other
     body = np.zeros((circle.posed.space.mesh.n_cells, 6))
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)
@@ -107,12 +107,12 @@ def strain_at(circle, u, t, x):
 
 
 def error_from(circle, u, t, strain):
-    """Return |w - v|_a: w has the strains strain(x) (q, 3), and v is the conforming displacement of nodal values u."""
+    """Return |w - v|_a, where w has the strains strain(x), (q, 3), and v is the conforming displacement of u."""
     return integrate_error(compute_nodal_values(circle, u, t), strain)
 
 
 def integrate_error(values, strain):
-    """Return |w - v|_a: w has the strains strain(x), and v has the given nodal values of each chunk."""
+    """Return |w - v|_a, where w has the strains strain(x), and v has the given nodal values of each chunk."""
     squared = 0.0
     for fans, own, x, weights in evaluate_at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
@@ -131,7 +131,7 @@ def beside_refined(coarse, part, most=20_000):
 
     Let u be the exact solution, v and v_f the displacements of the coarse and the finer run, and w_f the enrichment of
     v_f. The results are |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run. The finer
-    mesh is refined until this bound is at most `part` times the error of the coarse run, or it has over `most` cells.
+    mesh is refined until the bound is at most `part` times the coarse run's error, or the mesh has over `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

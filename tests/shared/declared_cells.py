@@ -74,7 +74,7 @@ def stretched(family: str, n: int, aspect: int, tall: bool):
 def cases() -> Iterator[Case]:
     for name, (scene, n) in BLOCKS.items():
         for pair in [*SQUARES, *(pair[::-1] for pair in SQUARES if pair[0] != pair[1])]:
-            # Reference meshes must refine the mesh: 400 columns refine 200 columns, and 256 columns do not.
+            # The reference mesh must refine the tested mesh: 400 columns refine 200 columns, 256 columns do not.
             fine = {200: (400, 100), 2: (100, 400)}.get(pair[0], (n, n))
             yield Case(f"{name} {pair[0]}x{pair[1]}", scene, partial(squares, *pair), partial(squares, *fine))
         for family in (name for name in FAMILIES if name != "squares"):

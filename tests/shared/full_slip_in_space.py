@@ -2,8 +2,8 @@
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 
-with Lame's constants lambda, and mu = 1. On z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y): friction is opposite to
-the slip, with the bound g = mu x |(u_x, u_y)|. u_y does not depend on y, so u_y adds nothing to the divergence of u.
+Lame's constants are lambda and mu = 1. On the floor z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y). So friction is
+opposite to the slip, with the bound g = mu x |(u_x, u_y)|. The divergence of u has no part of u_y, as d_y u_y = 0.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def same(one, other):
-    """Return True if two objects and all their parts are equal to the last bit, in type, and in the order of names."""
+    """Return True if two objects have the same types, names in the same order, and values equal to the last bit."""
     if isinstance(one, np.ndarray):
         equal = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
         return equal and one.tobytes() == other.tobytes()

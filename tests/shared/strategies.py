@@ -1,7 +1,7 @@
 """Random meshes, materials, loads, bounds and systems, for hypothesis.
 
-Hypothesis draws the few values that describe a failure (family, moduli, scales, courses, seed); numpy makes large
-arrays from the seed. Small seeds and zeros come first, so failures shrink to simple cases.
+Hypothesis draws a few values (family, moduli, scales, courses, seed); numpy makes large arrays from the seed. Small
+seeds and zeros are drawn first, so failures shrink to simple cases.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def materials(draw, mesh):
 
 def courses(steps):
     """Draw courses in time that begin at 0: steadily growing, held, reversing or random."""
-    # Energy norms below 1e-125 are refused.
+    # Tiny values are set to zero, because energy norms below 1e-125 are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
     return st.one_of(st.just(list(np.linspace(0, 1, steps + 1)[1:])), few, free).map(lambda c: np.array([0.0, *c]))
@@ -102,12 +102,12 @@ class Setting:
     mesh: vx.PolygonMesh
     material: vx.Elasticity
     loads: tuple
-    """(matrix, vector, course, side); side is None for a body force"""
+    """Each load is (matrix, vector, course, side); `side` is None for a body force."""
     bound: object
     quadrature: str
     times: np.ndarray
     motion: tuple | None = None
-    """(matrix, vector, course) of the right side, or None if it is clamped"""
+    """The motion (matrix, vector, course) of the right side, or None if this side is clamped."""
 
     @property
     def scene(self):

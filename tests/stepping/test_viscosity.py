@@ -68,8 +68,9 @@ FLOORS = {
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
     """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, with equality in slip.
 
-    Let r = tau / k. The top moves by U_n, the base by a_n: u = (a_n + gamma y, 0) and gamma = (U_n - a_n) / H. While
-    the block sticks, a_n is constant; while the block slips, mu (gamma + r (gamma - gamma_prev)) = +-g.
+    Let k be the length of a step, and r = tau / k. The top moves by U_n, the base by a_n: u = (a_n + gamma y, 0) and
+    gamma = (U_n - a_n) / H. While the block sticks, a_n is constant; while it slips,
+    mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)
     U = 2.5 * G * H / MU * np.interp(times, [0, 1, 3, 5], [0, 1, -1, 1])

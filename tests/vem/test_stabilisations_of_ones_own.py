@@ -114,9 +114,9 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Return squared parts of the budget, and the number of cells whose stabilisation energy exceeds the edge energy.
+    """Return squared parts of the budget, and the number of cells whose stabilisation energy exceeds their edge energy.
 
-    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" sums the larger of the two energies over cells.
+    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" is the sum over cells of the larger energy.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

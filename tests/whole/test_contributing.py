@@ -24,7 +24,7 @@ BLOCKS = blocks(EFFECT_PAGE, "python") + blocks(page("howto/own_mesh_family"), "
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
-"""On the page of a recipe, the block of a file begins with its path. The next block adds the file to the package."""
+"""A recipe shows a file in a block that begins with the path; the next block adds the file to the package."""
 
 
 def test_contributing_lists_packages_in_order():
@@ -40,7 +40,7 @@ def test_the_walks_name_functions_and_classes_of_the_package():
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that adds the file of a recipe to the package for one test, and returns its definitions."""
+    """Return a function that adds a recipe's file to the package for one test, and returns the file's definitions."""
 
     def make(path):
         name = path.removesuffix(".py").replace("/", ".")

@@ -64,7 +64,7 @@ TOP = 1_856
 TESTS = 20_850
 """Largest number of lines of the tests of the folders in `LINES`."""
 ALL_TESTS = 31_493
-"""Largest number of lines of all tests; 28,000 are wanted."""
+"""Largest number of lines of all tests; the aim is 28,000."""
 
 LATE = {"vemcvx.meshes.mesh"}
 """Modules with methods that import later modules when they are called."""
@@ -88,7 +88,7 @@ def nodes(path, kind):
 
 @cache
 def parse(path):
-    """Return all syntax nodes of a file, without the garbage collector, which would traverse them in vain."""
+    """Return all syntax nodes of a file. The garbage collector is off, because it would traverse all nodes in vain."""
     gc.disable()
     found = list(ast.walk(ast.parse(path.read_text())))
     gc.enable()
@@ -96,7 +96,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the modules that a file imports, with imports for types if `checking`, and in functions if `late`."""
+    """Yield the modules that a file imports: for types only if `checking`, in functions only if `late`."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}
@@ -190,7 +190,7 @@ def test_tests_keep_their_lines():
 
 
 PRIVATE = re.compile(r"^from vemcvx\S* import (?:\w+, )*_[a-z]|^    _\w+,$", re.MULTILINE)
-"""An import of a private name, in one line or in a line of its own."""
+"""An import of a private name, in a line with `from` or as a line of a longer import."""
 
 
 def test_tests_outside_tests_unit_import_no_private_names():

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class History(Results, Outlined):
-    """The results of a simulation of N steps at its S stored instants, in dim (2 or 3) dimensions.
+    """The results of a simulation: N steps, S stored instants, and 2 or 3 dimensions (dim).
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ class History(Results, Outlined):
         Relative energy errors of an adaptive run: "algebra", "space", "time", "total" (the sum), "target" (requested).
     bound : dict or None
         With ``simulate(..., bound=True)``: bounds "lower" and "upper" on the mesh error of one step in the energy norm,
-        given the step before (:func:`vemcvx.error_bound`). "step" is the step with the largest upper bound, "relative"
-        is "upper" / (largest energy norm of the run), "reading" the estimated part of "upper", "kind" the guarantee.
+        given the step before (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
+        "upper" / (largest energy norm). "reading": the estimated part of "upper". "kind": as in `ErrorBound`.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
@@ -77,16 +77,16 @@ class History(Results, Outlined):
 
     @classmethod
     def from_results(cls, results: Results, begins: str = "given") -> History:
-        """Return a history of these results."""
+        """Return a history with the fields of `results`."""
         return cls(begins=begins, **{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike, field: str = "displacement") -> Floats:
-        """Return a field at any p points of the body, at all stored steps: an array (S, p, ...).
+        """Return a field (S, p, ...) at p points of the body, at all stored steps.
 
         Parameters
         ----------
         points : (p, dim) array
-            ``np.linspace(start, end, 101)`` are points of a line.
+            Coordinates, such as ``np.linspace(start, end, 101)`` for points of a line.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
             Stresses are constant on cells, and averaged where cells meet (:mod:`vemcvx.results.probe`).
 
@@ -103,15 +103,15 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point of the plane (in a plane body: line), and its normal, which points to one part, called ahead.
+            A point of the plane (in a plane body: line), and a normal, which points ahead.
         on : str or sequence of str, optional
             Names of cell data, such as names of bodies: only cells where one of these data is nonzero are included.
 
         Returns
         -------
         Section
-            ``force, moment = history.section(...)``. The part ahead exerts them on the part behind: the force (S, dim),
-            and the moment (S,), in space (S, 3), about `point`.
+            ``force, moment = history.section(...)``: the force (S, dim) of the part ahead on the part behind, and the
+            moment of this force about `point`, (S,) or in space (S, 3).
 
         Raises
         ------
@@ -166,14 +166,14 @@ class History(Results, Outlined):
         return table(self, name)
 
     def to_pandas(self, name: str = "steps") -> DataFrame:
-        """Return the table that :meth:`table` returns, as a DataFrame of pandas."""
+        """Return a table as a DataFrame of pandas: see :meth:`table`."""
         return frame(table(self, name))
 
     def to_xarray(self) -> Dataset:
         """Return all arrays as one dataset of xarray, named as in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
-        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. The attributes of arrays have their "units".
+        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have an attribute "units".
         """
         return dataset(self)
 
@@ -187,7 +187,7 @@ class History(Results, Outlined):
         n : int
             1 is the first step after the initial instant.
         condense : bool
-            True: the program has only the unknowns of friction and contact, and a dense K. False: all unknowns.
+            True: the program has the unknowns of friction and contact alone, and K is dense. False: all unknowns.
 
         Raises
         ------
@@ -206,12 +206,12 @@ class History(Results, Outlined):
         return "\n".join([outline.title, *(f"{name:<12}{words}" for name, words in outline.lines)])
 
     def write(self, folder: str | Path) -> Path:
-        """Write the history to a folder, without replacing other files: see :mod:`vemcvx.results.files`."""
+        """Write the history to a folder: see :mod:`vemcvx.results.files`."""
         return write_results(self, folder)
 
 
 def scene_of(history: object, subject: str) -> Scene:
-    """Return the scene of a history; raise HistoryError if `history` has no scene, or is not a History."""
+    """Return the scene of a history, or raise HistoryError."""
     if not isinstance(history, History):
         raise HistoryError(f"{subject}: found {brief(history)}; wanted a History.")
     if history.scene is None:

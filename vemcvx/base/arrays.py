@@ -1,4 +1,4 @@
-"""Types of arrays, sums and lengths of vectors, and checks of arguments, with one message for each kind of mistake."""
+"""Array types, small functions of arrays, and checks of arguments."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ EPS = float(np.finfo(float).eps)
 ROUNDING = 1e-12
 """Relative rounding error of sums and products of a few thousand numbers."""
 SAME = 1e-9
-"""Relative difference below which two computations of the same number count as equal."""
+"""Relative difference below which two numbers count as equal."""
 SINGLE_EPS = 1e-6
-"""Relative error of coordinates in single precision, or printed with seven digits."""
+"""Relative rounding error of numbers in single precision, or of numbers with seven digits."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +31,7 @@ Bools = NDArray[np.bool_]
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 CHUNK_SIZE = 2**12
-"""Number of nodes, cells or faces in one batch, so that its arrays stay in the CPU caches."""
+"""Number of nodes, cells or faces in a batch that fits into the CPU caches."""
 
 
 def read_only(array: Array) -> Array:
@@ -52,12 +52,12 @@ def lengths(x: Floats) -> Floats:
 
 
 def directions(x: Floats, size: Floats) -> Floats:
-    """Return the rows of x (k, components) divided by their lengths `size` (k,); rows of length zero stay zero."""
+    """Divide each nonzero row of x (k, components) by its length `size` (k,)."""
     return np.sign(x) if x.shape[1] == 1 else x / np.where(size > 0, size, 1.0)[:, None]
 
 
 def onto_discs(lam: Floats, w: Floats) -> Floats:
-    """Project each row of `lam` (m, block) onto the disc whose radius is its entry of `w` (m,)."""
+    """Project the rows of `lam` (m, block) onto discs with the radii `w` (m,)."""
     if lam.shape[1] == 1:  # Clipping is exact; scaling would round.
         return np.minimum(np.maximum(lam, -w[:, None]), w[:, None])
     size = np.linalg.norm(lam, axis=1)
@@ -66,24 +66,24 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Add the weights with equal `numbers`: entry n of the result (count,) belongs to number n."""
+    """Return the sum of the weights of each number n < `count`."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Add the columns of `values` (S, k, ...) with equal `numbers`: column n of the result belongs to number n."""
+    """Return the sum of the columns of `values` (S, k, ...) for each number n < `count`."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total
 
 
 def are_among(pairs: Ints, known: Ints) -> Bools:
-    """Return a mask (k,): which rows of `pairs` (k, 2) are also rows of `known` (e, 2)."""
+    """Return True for each row of `pairs` (k, 2) that is a row of `known` (e, 2)."""
     return np.isin(pairs @ [1, 1j], known @ [1, 1j])
 
 
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
-    """Convert `raw` into a new array of floats, finite or not; raise SceneError for other types, such as strings."""
+    """Convert `raw` into a new array of floats, or raise SceneError."""
     array = plain(raw)
     with contextlib.suppress(Exception), np.errstate(over="ignore"):
         kind = "" if array is None else array.dtype.kind
@@ -95,7 +95,7 @@ def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
 
 
 def plain(raw: Any) -> NDArray[Any] | None:
-    """Convert `raw` into an array; return None if it cannot be converted, or has masked entries."""
+    """Convert `raw` into an array, or return None if this fails or entries are masked."""
     masked = any(isinstance(x, np.ma.MaskedArray) for x in (raw, *(raw if isinstance(raw, (list, tuple)) else ())))
     with contextlib.suppress(Exception):
         return None if masked else np.asarray(raw)
@@ -103,7 +103,7 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def largest(values: Floats, part: float) -> Ints:
-    """Return the positions of the largest values that make up the fraction `part` of the sum, in descending order."""
+    """Return the positions of the largest values, which add up to the fraction `part` of the sum."""
     order = np.argsort(-values, kind="stable")
     sums = np.cumsum(values[order])
     return order[: int(np.searchsorted(sums, part * sums[-1])) + 1]
@@ -117,7 +117,7 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Replace negligible values of a function of time by zeros, because their energies would underflow."""
+    """Return a function with negligible values set to zero: their energies would underflow."""
 
     @cache
     def largest() -> float:
@@ -145,7 +145,7 @@ def as_shaped_array(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...
 
 
 def one_point(raw: Any, dim: int, subject: str) -> Floats:
-    """Return the coordinates (dim,) of a point, or raise SceneError."""
+    """Return the finite coordinates (dim,) of a point, or raise SceneError."""
     return finite(as_shaped_array(raw, subject, f"a point of {dim} coordinates", (dim,)), subject)
 
 
@@ -155,7 +155,7 @@ def shape_in_words(array: Floats) -> str:
 
 
 class ArrayField(NamedTuple):
-    """The shape of an array in a record, as names; its unit; and its kind, as NumPy's letter."""
+    """The names of the axes of an array, its kind (a letter of NumPy), and its unit."""
 
     sizes: tuple[str, ...]
     kind: str
@@ -163,7 +163,7 @@ class ArrayField(NamedTuple):
 
 
 def array_fields(record: type) -> dict[str, ArrayField]:
-    """Return descriptions of the array fields of a record by name, for files, tables and datasets.
+    """Return an ArrayField for each array field of a record, by name.
 
     Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``.
     """
@@ -177,38 +177,38 @@ def array_fields(record: type) -> dict[str, ArrayField]:
 
 
 def flag(raw: Any, name: str) -> bool:
-    """Return True or False; raise SceneError for other values, because the string "False" would be true."""
+    """Return `raw` as a bool, or raise SceneError, for example for the string "False"."""
     if not isinstance(raw, (bool, np.bool_)):
         raise SceneError(f"{name}: found {brief(raw)}; wanted True or False.")
     return bool(raw)
 
 
 def whole(raw: Any, subject: str, name: str, of: str, least: int = 1) -> int:
-    """Return an integer that is at least `least`, or raise SceneError."""
+    """Return `raw` if it is an integer >= `least`, or raise SceneError."""
     if not is_whole(raw) or raw < least:
         raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is a whole number of {of}, at least {least}.")
     return int(raw)
 
 
 def is_whole(raw: object) -> TypeGuard[int]:
-    """Return True if a value is an integer; booleans and time spans are not."""
+    """Return True for an integer, but not for a boolean or a time span."""
     return isinstance(raw, numbers.Integral) and not isinstance(raw, (bool, np.timedelta64))
 
 
 def is_real(raw: object) -> TypeGuard[float]:
-    """Return True if a value is a real number, finite or not; booleans and time spans are not."""
+    """Return True for a real number, but not for a boolean or a time span."""
     return isinstance(raw, numbers.Real) and not isinstance(raw, (bool, np.timedelta64))
 
 
 def part(raw: Any, subject: str, name: str, what: str, example: str) -> float:
-    """Return `raw` as a float; raise SceneError unless it is a number between 0 and 1."""
+    """Return `raw` as a float between 0 and 1, or raise SceneError."""
     if not is_real(raw) or not 0 < raw < 1:
         raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is {what} between 0 and 1, such as {example}.")
     return float(raw)
 
 
 def number(raw: Any, found: str, wanted: str) -> float:
-    """Return `raw` as a float; raise SceneError unless it is finite. The message begins with `found`."""
+    """Return `raw` as a finite float, or raise SceneError."""
     if not is_real(raw) or not abs(raw) <= sys.float_info.max:
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}.")
     return float(raw)
@@ -264,7 +264,7 @@ def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject
 
 
 def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
-    """Convert a matrix into a sparse matrix of finite numbers with the given shape; copy it unless it is read-only."""
+    """Convert a matrix into a sparse matrix of finite numbers, or raise SceneError."""
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
         try:
@@ -285,7 +285,7 @@ def as_sparse_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = Non
 
 
 def check_compressed(matrix: sp.csr_matrix) -> None:
-    """Raise ValueError for invalid indices of a compressed matrix, which SciPy's compiled code would not check."""
+    """Raise ValueError for invalid indices, which SciPy's compiled code does not check."""
     if not hasattr(matrix, "check_format"):
         return
     matrix.check_format(full_check=True)
@@ -294,7 +294,7 @@ def check_compressed(matrix: sp.csr_matrix) -> None:
 
 
 def as_array_of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
-    """Convert `raw` into an array of real numbers of the given shape; a vector of the same size is reshaped."""
+    """Return an array of real numbers of this shape, from an array or a flat vector."""
     return as_shaped_array(raw, subject, f"numbers of shape {shape}", shape, (int(np.prod(shape)),)).reshape(shape)
 
 

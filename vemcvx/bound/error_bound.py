@@ -1,4 +1,4 @@
-"""Guaranteed error bounds of a step (:mod:`.hypercircle`), a history (:mod:`.whole_history`) or a :mod:`.quantity`."""
+"""Guaranteed error bounds of a step, of a history, or of a linear quantity."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBound(Outlined):
-    """The bounds on the distance |u - v|_a of the exact displacement u from the computed displacement v.
+    """Bounds on the distance |u - v|_a, in the energy norm, of the exact displacement u from the computed v.
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
-    step, u solves the step exactly, given the computed displacement before the step. For a history, u is the exact
-    history. The exact history starts from v or, with initial="equilibrium" or "settled", at rest under the loads.
+    step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
+    exact history. It starts at v or, with initial="equilibrium" or "settled", at rest under the loads.
 
     Attributes
     ----------
@@ -41,14 +41,14 @@ class ErrorBound(Outlined):
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
-        Bounds on the minimum of the step, (energy) - (work of loads) + (cost of friction); infinite for whole
-        histories, and for data that are not linear on edges and in cells.
+        Bounds on the minimum of (energy) - (work of loads) + (cost of friction) in a step. The bounds are infinite for
+        whole histories, and for data that are not linear on edges and in cells.
     cells : (n_cells,)
         Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
         the laws of friction and contact. "data": the estimated effect of data that are not linear on edges, in cells,
-        or in time between instants. "algebra": the certified error of the solver, which the other parts contain.
+        or in time between instants. "algebra": the certified error of the solver, included in the other parts.
         For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
@@ -131,7 +131,7 @@ def error_bound(history: History, step: int, of: Effect | Sequence[Effect]) -> Q
 def error_bound(
     history: History, step: int | None = None, of: Effect | Sequence[Effect] | None = None
 ) -> ErrorBound | QuantityBound:
-    """Return bounds on the error of one step or of a history in the energy norm, or on a linear quantity of one step.
+    """Return bounds on the energy error of a step or of a history, or on a linear quantity in a step.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def error_bound(
 
 
 def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> list[Pair]:
-    """Return the pair (displacement and stress) of each stored step, given the step before it."""
+    """Return the pair (displacement, stress) of each step."""
     found = []
     for n in steps:
         if n == 0:
@@ -195,7 +195,7 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
 
 
 def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
-    """Return the bounds of steps, each from its pair of displacement and stress."""
+    """Return the bounds of steps, given a pair (displacement, stress) for each step."""
     at, circle = np.array(steps), pairs[0].circle
     eta = np.array([pair.read.eta for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"
@@ -258,7 +258,7 @@ def _bound_history(posed: PosedScene, history: History) -> ErrorBound:
 
 
 def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
-    """Return a function that adds the bounds of all steps to a history; raise SceneError if there is no bound."""
+    """Return a function that adds bounds to a history, or raise SceneError."""
     circle = hypercircle(posed)
 
     def add_bounds(history: History) -> History:
@@ -270,7 +270,7 @@ def bounds_of_runs(posed: PosedScene) -> Callable[[History], History]:
 
 
 def _bounds_of_force(history: History, pairs: Sequence[Pair]) -> dict[str, Any]:
-    """Return fields with bounds on the force that moves a boundary; an empty dict if no boundary moves."""
+    """Return fields with bounds on the force of a moving boundary."""
     if (loop := loop_of(history)) is None or loop.kind == "load":
         return {}
     moved = PrescribedDisplacement(tuple(np.eye(2)[loop.axis]), on=loop.on)

@@ -1,29 +1,29 @@
 """The hypercircle: an admissible displacement v and an admissible stress tau, with bounds on the error of v.
 
-See Theorems 1 and 2 of :mod:`vemcvx.bound` (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947)). There
+Source: W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947). Theorems 1 and 2 of :mod:`vemcvx.bound` contain
 
     j(v) = int (g |v_t - d| + phi(v_n - gap))
 
-with the friction bound g, the slip v_t - d in the step, and the energy phi of obstacles. For compliant obstacles,
-phi(z) = k z_+^2 / 2; for rigid ones, phi is 0 for z <= 0 and infinite beyond. :mod:`.surface` computes the defect b in
-these laws. Edge motions m determine tau (:mod:`.equilibrium`).
+with the friction bound g, the slip v_t - d in the step, and the energy phi of obstacles. Obstacles of stiffness k have
+phi(z) = k z_+^2 / 2. For rigid obstacles, phi is 0 for z <= 0, and infinite for z > 0.
 
-**The defect** is r = tau - sigma_0 - C eps(v). The matrix L (`to_edges`) maps v to edge motions: every linear traction
-does the same work on v and on L v. In a cell K, let x = m - L v, and let f be the coefficients of the body force. Let y
-be the outline of v minus the outline of a linear displacement with the same mean strain. With the forms G of stresses
-(:mod:`.stress`) and S of displacements (:mod:`.displacement`)
+**The defect** is r = tau - sigma_0 - C eps(v) with the prestress sigma_0. Motions m of edges determine the stress tau
+(:mod:`.equilibrium`). The matrix L (`to_edges`) maps v to edge motions: every linear traction does the same work on v
+and on L v. In a cell K, let x = m - L v, and let f be the coefficients of the body force. The outline of v consists of
+the values at vertices and middles of edges. Let y be the outline of v - v_1, where v_1 is linear and has the same mean
+strain. With the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displacement`)
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f),        L (y, f) := (L y, f).
 
 *Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
 r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same work
-on L v. The latter is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So (tau_x, C^-1 r_0) = 0. If y
-replaces v, r_0 does not change. Moreover |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is the
-work of f and of the tractions of tau_0 on v.
+on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So (tau_x, C^-1 r_0) = 0.
+If y replaces v, r_0 does not change. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is
+the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of Theorem 2. We use displacements w that are quadratic on edges,
 have least energy inside cells, and vanish on supports and on edges with friction, obstacles or bonds. For the best w,
-a(w, z) = R(z) for all such z, so that R(w) / |w| = |w|. The displacement v + w is called *richer*.
+a(w, z) = R(z) for all z of this kind, so that R(w) / |w| = |w|. The displacement v + w is called *richer*.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms (k, 4 n + 6, 4 n + 6) of the k shapes of a chunk of cells, in a mesh with E edges."""
+    """The forms (k, 4 n + 6, 4 n + 6) of k shapes of cells. The mesh has E edges."""
 
     fans: Fans
-    outlines: Ints  # (c, 4 n) positions of values at vertices and middles of edges in the vector (2 nodes + 2 E,)
+    outlines: Ints  # (c, 4 n) positions of the values of each cell in `Defect.outline`
     stress: Floats  # G, for edge motions and body force
     displacement: Floats  # S, for values at vertices and middles, and body force
 
@@ -68,17 +68,17 @@ class Forms:
         return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """Return one . M other, (c,), for vectors (c, m) of cells, and the matrices M (k, m, m) of shapes."""
+        """Return one . M other for each cell, where M is the matrix of its shape."""
         return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 
 @dataclass(frozen=True, eq=False)
 class Defect:
-    """The defect r of a displacement and a stress; r is linear in the three attributes."""
+    """The defect r = tau - sigma_0 - C eps(v)."""
 
-    motion: Floats  # (4 E,) x
-    outline: Floats  # (2 nodes + 2 E,) v at vertices and at middles of edges
-    body: Floats  # (n_cells, 6) f
+    motion: Floats  # (4 E,) edge motions x
+    outline: Floats  # (2 nodes + 2 E,) values of v at vertices and middles of edges
+    body: Floats  # (n_cells, 6) coefficients f of the body force
 
     def __sub__(self, other: Defect) -> Defect:
         return Defect(self.motion - other.motion, self.outline - other.outline, self.body - other.body)
@@ -95,7 +95,7 @@ class Pair:
     read: Reading
     prestress: Floats  # (n_cells, 3) sigma_0
     defect: Defect
-    w: Floats  # (2 nodes + 2 E,) w at vertices and at middles of edges
+    w: Floats  # (2 nodes + 2 E,) values of w at vertices and middles of edges
     cells: Floats  # (n_cells,) |r|_K^2
     potential: float  # J(v)
     norm: float  # |v|_a
@@ -113,17 +113,17 @@ class Pair:
         return float(self.circle.squares(self.richer).sum())
 
     def work_of(self, load: Pair) -> float:
-        """Return the work on v + w that the loads and the prestress of another pair do."""
+        """Return the work of another pair's loads and prestress on v + w."""
         return self.work(load.surface.loads, load.read.body) - self.circle.work_of_stress(load.prestress, self.richer)
 
     def work(self, forces: Floats, body: Floats) -> float:
-        """Return the work on v + w of body forces (n_cells, 6), and of `forces` (b, 2, 2) at ends of boundary edges."""
+        """Return the work of edge forces (b, 2, 2) and body forces (n_cells, 6) on v + w."""
         on_edges = self.circle.work_of_tractions(forces) @ self.richer.outline
         return float(on_edges + self.circle.works(body, self.richer).sum())
 
     @property
     def A2(self) -> float:
-        """A^2, the sum of the contributions of cells."""
+        """A^2, the sum of |r|_K^2 over all cells."""
         return float(self.cells.sum())
 
     @property
@@ -139,17 +139,17 @@ class Pair:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hypercircle:
-    """The operators of a posed scene for the construction of pairs at any instant."""
+    """The operators that construct the pairs of a posed scene."""
 
     posed: PosedScene
     boundary: Boundary
     forms: tuple[Forms, ...]
     equilibrium: Equilibrium
     free: sp.csr_matrix  # (2 nodes + 2 E, m) orthonormal basis of the displacements w
-    factor: Factor | None  # factor of S in this basis; None if it is empty
+    factor: Factor | None  # factor of S in the basis `free`; None for an empty basis
 
     def pair(self, now: Instant, before: Instant) -> Pair:
-        """Return the pair of an admissible displacement at the end of a step, or raise SceneError."""
+        """Return the pair at the end of a step, or raise SceneError."""
         boundary = self.boundary
         boundary.check_supports(now)
         if boundary.reader.varies_inside_cells(now.t):
@@ -194,19 +194,18 @@ class Hypercircle:
         )
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return forces (2 nodes + 2 E,) at vertices and middles, equivalent to `forces` (b, 2, 2) on outer edges."""
+        """Return the forces at vertices and middles that are equivalent to `forces` on outer edges."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return forces on edges (4 E,) due to L v, and on outlines due to v; both include f and the prestress."""
+        """Return the forces of v, f and the prestress on edges, and on vertices and middles."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
             L, f = to_edges(one.fans.n), defect.body[one.fans.cells]
             stress = np.matmul(one.fans.C, strain[:, :, None])[:, :, 0] + prestress[one.fans.cells]
-            # Each end of an edge bears half of the force of the constant stress.
             half = np.matmul(one.fans.normals, 0.5 * stress[:, [[0, 2], [2, 1]]])
             even = np.repeat(half[:, :, None], 2, axis=2).reshape(-1, n)
             tractions.append(even + one.fans.apply(one.stress[:, :n], np.concatenate([bent @ L.T, f], axis=1)))
@@ -222,19 +221,19 @@ class Hypercircle:
         left = self.free.T @ residual
         part = self.factor.solve(left)
         w, work = self.free @ part, float(left @ part)
-        # Compute the energy, which equals `work` up to rounding errors of `part`: they are large near nu = 1/2.
+        # Near nu = 1/2, rounding separates the energy from `work`.
         energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 
     def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
-        """Return a(v, w) in each cell of a chunk, (c,), for displacements with these outlines and no body force."""
+        """Return a(v, w) in each cell of a chunk, without body force."""
         n = 4 * one.fans.n
         (of_v, bent_v), (of_w, bent_w) = (split_outline(one.fans, each[one.outlines]) for each in (v, w))
         linear = np.einsum("ck,ckl,cl->c", of_v, one.fans.C, of_w)
         return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], bent_v, bent_w)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
-        """Return a(v, v') and (r, C^-1 r') in each cell: `one` is the defect r of v, `other` the defect r' of v'."""
+        """Return a(v, v') and (r, C^-1 r') in each cell, for the defects r of v and r' of v'."""
         energies, defects = np.zeros((2, len(self.boundary.edges.mesh.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n
@@ -254,7 +253,7 @@ class Hypercircle:
         return np.maximum(self.products(defect, defect)[1], 0.0)
 
     def works(self, body: Floats, v: Defect) -> Floats:
-        """Return the work (n_cells,) of body forces (n_cells, 6) on the displacement of a defect."""
+        """Return the work of body forces (n_cells, 6) on v, cell by cell."""
         found = np.zeros(len(body))
         for one in self.forms:
             at, n = one.fans.cells, 4 * one.fans.n
@@ -263,13 +262,13 @@ class Hypercircle:
         return found
 
     def work(self, body: Floats, motions: Floats) -> Floats:
-        """Return the work (j,) of body forces (n_cells, 6) on rigid motions (n_u, j)."""
+        """Return the work of body forces (n_cells, 6) on each rigid motion."""
         outlines = [self.equilibrium.edges.outline(mode.reshape(-1, 2)) for mode in motions.T]
         rigid = [Defect(np.zeros(0), outline, 0.0 * body) for outline in outlines]
         return np.array([self.works(body, one).sum() for one in rigid])
 
     def work_of_stress(self, stress: Floats, v: Defect) -> float:
-        """Return (sigma, eps(v)) of constant stresses (n_cells, 3) in cells."""
+        """Return (sigma, eps(v)) for the stress sigma = `stress`, constant in each cell."""
         total = 0.0
         for one in self.forms:
             strain = split_outline(one.fans, v.outline[one.outlines])[0]
@@ -302,7 +301,7 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
 
 
 def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
-    """Return `Forms.outlines`, given the positions (c, 4 n) of edge motions, and the position of the first middle."""
+    """Return the array `Forms.outlines`."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
     return np.asarray((2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1))
@@ -311,7 +310,7 @@ def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
 def _find_free(
     posed: PosedScene, boundary: Boundary, forms: Sequence[Forms], outer: Ints
 ) -> tuple[sp.csr_matrix, Factor | None]:
-    """Return a basis of the displacements w (values at vertices and middles), and the factor of S on this basis."""
+    """Return the attributes `free` and `factor` of the hypercircle."""
     edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
     touched = np.zeros(P.shape[0])
     nodes = np.unique(edges.outer_edges[boundary.touching])
@@ -332,7 +331,7 @@ def _find_free(
 
 
 def check_bounded(posed: PosedScene) -> None:
-    """Raise SceneError if there is no bound."""
+    """Raise SceneError if a scene has no error bound."""
     in_space = "in space there is no bound yet (see the docstring of vemcvx.bound for the reason)"
     plane_mesh(posed.space.mesh, "error_bound", f"{in_space}; vemcvx.error_budget estimates the error")
     posed.space.refuse_revolution("error_bound")

@@ -5,8 +5,8 @@ With a prescribed displacement -z_D of supports, q(u) includes the work of the s
 tau, sigma, sigma_0, r, A and b are those of :mod:`vemcvx.bound`, and e = u - v.
 
 The dual solution z satisfies a(z, w) = q(w) for all admissible w, and z = z_D on supports. The dual pair is a
-displacement z_h and a stress tau_z in equilibrium with q. Let r_z and A_z be the defect r and its norm A of the dual
-pair. Let T(w) be the work on w of the loads, friction and pressure that are in equilibrium with tau. Then
+displacement z_h and a stress tau_z in equilibrium with q. The defect of the dual pair is r_z, with the norm A_z. Let
+T(w) be the work on w of the loads, friction and pressure that are in equilibrium with tau. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -20,9 +20,9 @@ by at most A_z (A^2 / 4 + b)^{1/2}, the half width. Without friction and contact
 Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8).
 
 The proof assumes that the tractions of tau_z, apart from the loads of q, do no work on e, and that the work of sigma on
-z_h is T(z_h). It suffices that z_h is zero, and tau_z has no traction, where friction and obstacles act; where contact
+z_h is T(z_h). This is true if z_h and the traction of tau_z are zero where friction and obstacles act. Where contact
 cannot open, tau_z may have a normal traction. If z_D moves an end of an edge with friction, the frictions of sigma and
-of tau can do different work on z_h; the half width then includes a bound on the difference. The bounds also hold for
+of tau can do different work on z_h. The half width then includes a bound on this difference. The bounds also hold for
 v + w and z_h + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
 
 Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
@@ -56,7 +56,7 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class QuantityBound(Outlined):
-    """An interval for a linear quantity q(u); u solves a step exactly, from the computed state before this step.
+    """An interval for a linear quantity q(u) of the exact solution u of a step, given the state before the step.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class QuantityBound(Outlined):
     value : float
         The quantity q of the computed displacement. It may be outside the interval.
     low, high : float
-        The interval. With Coulomb's law, the interval holds for the friction bound given by the pressure of the run.
+        Ends of the interval. With Coulomb's law, friction bounds are those given by the pressure of the run.
     reading : float
         The estimated part of the half width; zero if loads and quantity are linear on edges and in cells
         (:mod:`vemcvx.bound.reading`).
@@ -85,7 +85,7 @@ class QuantityBound(Outlined):
 
     @property
     def guaranteed(self) -> bool:
-        """True if `reading` is zero: at all examined points, load and quantity equal their linear fits."""
+        """True if `reading` is zero: no part of the interval is estimated."""
         return self.reading == 0.0
 
     @property
@@ -104,7 +104,7 @@ class QuantityBound(Outlined):
 
 
 def quantity_bound(history: History, step: int, pair: Pair, of: Effect | Sequence[Effect]) -> QuantityBound:
-    """Return bounds on a quantity in a step with this primal pair; raise SceneError if there are none."""
+    """Return the bounds on a quantity in a step, or raise SceneError."""
     dual = Dual.from_effects(pair.circle, of, pair.t)
     low, high = dual.interval(pair)
     plain = replace(pair, w=0.0 * pair.w)
@@ -144,7 +144,7 @@ class Dual:
         return cls(circle, effects, t)
 
     def motion(self, space: Space) -> Floats:
-        """Return z_D = -u_D (n_nodes, 2), where u_D is the displacement that the effects of the quantity prescribe."""
+        """Return z_D = -u_D (n_nodes, 2), where the quantity prescribes the displacement u_D."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
         if not supports:
@@ -165,7 +165,7 @@ class Dual:
 
     @cached_property
     def pair(self) -> Pair:
-        """The dual pair: z vanishes on contact, and its stress has no tractions there."""
+        """The dual pair (z_h, tau_z)."""
         circle, posed, lifted = self.primal, self.primal.posed, self.lifted
         edges, (_, normal) = circle.boundary.edges, circle.boundary.acting
         if circle.boundary.motions.shape[1]:
@@ -195,7 +195,7 @@ class Dual:
         return circle.make_pair((self.t, z), surface, read, prestress)
 
     def _moves_along(self, ways: Floats) -> Bools:
-        """Return True (b,) for edges with an end that z_D moves in the direction `ways` (b, 2) of the edge."""
+        """Return a mask of the outer edges with an end that z_D moves along `ways` (b, 2)."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:
@@ -226,7 +226,7 @@ class Dual:
             )
 
     def interval(self, pair: Pair) -> tuple[float, float]:
-        """Return the bounds of q(u) in a step with this pair."""
+        """Return the bounds on q(u), given the primal pair."""
         if self.lifted.any() and pair.read.eta > 0.0:
             raise SceneError(
                 "error_bound: there is no bound of the force of a support if a load or a friction bound is not linear "
@@ -241,10 +241,10 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on |int (q_sigma - q_tau) z_t| over edges that z_D moves; q is the friction of a stress."""
+        """Return a bound on |int (q_sigma - q_tau) z_t| with the frictions q_sigma and q_tau."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
-        # On an edge, z_h + w_z is a linear function plus a quadratic one that vanishes at the ends.
+        # On an edge, z_h + w_z is linear, plus a quadratic function that vanishes at the ends.
         numbered, values = self.primal.equilibrium.edges, self.pair.richer.outline.reshape(-1, 2)
         ends = values[edges.outer_edges]
         middles = values[len(values) - numbered.count + numbered.outer[:, 0, 0] // 4]

@@ -1,4 +1,4 @@
-"""`vemcvx run --report`: one HTML file with the scene, pictures, results, and all data for a repetition of the run."""
+"""`vemcvx run --report`: a report of a run, in one HTML file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def page(title: str, body: str, style: str = "") -> str:
 
 
 def report_page(problem: Problem, history: History, *, settings: Sequence[str], mesh: str, results: str) -> str:
-    """Return the report, with the terminal's output `results` and a description of the mesh."""
+    """Return the report of a run as an HTML page."""
     rows = problem_in_words(problem, settings, history.mesh, mesh)
     parameters = problem.parameters(settings)
     source = problem.path.read_text(encoding="utf-8", errors="replace")

@@ -1,4 +1,4 @@
-"""`vemcvx show`: describe in words the scene of a problem, its convex program, and the solvers that accept it."""
+"""`vemcvx show`: the scene of a problem in words, with the convex program and the solvers that accept it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Show:
 
 
 def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, name: str) -> list[tuple[str, str]]:
-    """Return rows (name, words) for the scene of a problem, or for the scenes of all its stages."""
+    """Return rows (name, words) for a problem, stage by stage."""
     if not problem.has_stages:
         # Data are evaluated at 65 instants to find data that are always zero.
         return scene_in_words(problem.scene(settings), mesh, problem.times(64), name)
@@ -50,7 +50,7 @@ def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, n
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
-    """Return rows (name, words) for a scene on a mesh; `name` is the name of the mesh."""
+    """Return rows (name, words) for a scene on a mesh called `name`."""
     posed = pose_scene(scene, mesh, times.tolist())
     condensed, n = Condensation(posed.system), posed.system.n
     operators, m = condensed.operators, len(condensed.retained)

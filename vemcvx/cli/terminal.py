@@ -33,7 +33,7 @@ def say(text: str, err: bool = False) -> None:
 
 
 def parse_list(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
-    """Split the text of an option at commas, convert each word by `kind`, and return the distinct values."""
+    """Return the distinct values in the comma-separated text of an option."""
     try:
         parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
     except ValueError:
@@ -47,14 +47,14 @@ FRACTIONS = "relative errors between 0 and 1, such as 0.05,0.01"
 
 
 def fraction(word: str) -> float:
-    """Return a number between 0 and 1; raise ValueError for any other word."""
+    """Return a word as a number between 0 and 1, or raise ValueError."""
     if not 0 < float(word) < 1:
         raise ValueError
     return float(word)
 
 
 def write_text(path: Path, text: str, option: str) -> None:
-    """Write the file of an option; raise ProblemError if that fails."""
+    """Write the file of an option, or raise ProblemError."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -63,12 +63,12 @@ def write_text(path: Path, text: str, option: str) -> None:
 
 ShowProgress = Callable[[str, int, int | None], None]
 """A function (doing, finished, total) that shows the progress of a command; `total` is None if unknown."""
-LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal. Shorter runs print none.
+LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal.
 
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[ShowProgress]:
-    """Show progress on standard error: on a terminal by a bar, elsewhere by lines."""
+    """Show progress on standard error, by a bar on terminals and by lines elsewhere."""
     if not sys.stderr.isatty():
         yield ProgressLines()
         return
@@ -105,7 +105,7 @@ class ProgressLines:
 
 @contextmanager
 def limit_log(times: int) -> Iterator[None]:
-    """Limit the log inside the block to `times` lines of each kind; the kind of a line is its text before the colon."""
+    """Limit the log inside the block to `times` lines for each text before the colon."""
     counts: Counter[str] = Counter()
 
     def is_within_limit(record: logging.LogRecord) -> bool:
@@ -127,7 +127,7 @@ INVALID, NOT_CERTIFIED = 2, 3
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Print errors and warnings that are raised inside the block; after an error, end with its exit code."""
+    """Print errors and warnings of the block; exit after an error."""
     shown = set[str]()
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:

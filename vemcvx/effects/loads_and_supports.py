@@ -22,12 +22,12 @@ from vemcvx.vem.loads import cell_load
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force f per length and unit thickness (in space: per area). Its load is int f . v ds.
+    """Surface force f per length (in space: per area), with the work int f . v ds on a displacement v.
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per length (in space per area), evaluated at t_n. Loads are exact for affine f.
+        Cartesian components, force per length and unit thickness (in space per area), at t_n. Exact for affine f.
     on : str or sequence of str
         Boundary names.
 
@@ -85,16 +85,16 @@ class Pressure(Effect):
 
 @dataclass(frozen=True)
 class BodyForce(Effect):
-    """A force f per area and unit thickness (in space: per volume). Its load is int f . v_hat, cell by cell.
+    """A force f per area (in space: per volume), with the work int f . v_hat on a displacement v.
 
-    In a cell, v_hat is the average of v at the vertices, as before (3.14) in Feng, Han and Huang.
+    In each cell, v_hat is the mean of v at the vertices, as before (3.14) in Feng, Han and Huang.
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per area (in space per volume), evaluated at t_n.
+        Cartesian components, force per area and unit thickness (in space per volume), evaluated at t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as bodies. The force acts where some of these data are nonzero; by default everywhere.
+        Names of cell data, such as bodies. The force acts where one of these data is nonzero; by default everywhere.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class PointLoad(Effect):
     force : (dim,) constant, (m, dim) array, or callable f(x, t) -> (m, dim)
         Cartesian components of the force on every point of `at`, evaluated at t_n. Forces on the same point add up.
     at : (dim,) or (m, dim)
-        The points; each must be a node of the mesh, to 1e-9 of the size of the body.
+        Coordinates of nodes of the mesh.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class PointLoad(Effect):
         nodes = np.array([np.argmin(np.abs(points - place).max(axis=1)) for place in at])
         apart = np.abs(points[nodes] - at).max(axis=1)
         worst = int(np.argmax(apart))
-        # A point that a user computes may differ from its node by rounding, but not by more than 1e-9 of the size.
+        # A computed point may differ from its node by rounding.
         if apart[worst] > 1e-9 * np.ptp(points, axis=0).max():
             raise SceneError(
                 f"PointLoad: there is no node at {at[worst]}; the nearest is node {nodes[worst]} at "
@@ -166,7 +166,7 @@ class PointLoad(Effect):
 
 @dataclass(frozen=True)
 class Clamp(Effect):
-    """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3) of the paper.
+    """Fixed boundary: u = 0 at all nodes of a part of the boundary, end points included.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Clamp(Effect):
 
 
 def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
-    """Return the node and the axis of each row: every node once per axis."""
+    """Return every node with every axis, one pair per row."""
     return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 
@@ -269,7 +269,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and the cosines by which values along normals are divided, else 1."""
+        """Return nodes, directions, and the cosines that divide components along normals."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one
@@ -342,7 +342,7 @@ class Rigid(Effect):
         support = Support(
             self._subject, rows, axes, space.mesh.points[rows], value if moves else None, patterns=patterns
         )
-        # With T = `modes`, the nodal forces T (T'T)^{-1} (F, M) do the work of force F and moment M on rigid motions.
+        # With T = `modes`, the nodal forces T (T'T)^{-1} (F, M) have the resultant force F and moment M.
         spread = np.zeros((space.mesh.n_nodes, dim, modes.shape[1]))
         spread[nodes] = np.linalg.pinv(modes).T.reshape(len(nodes), dim, -1)
         own = (("force", self.force, slice(dim)), ("moment", self.moment, slice(dim, None)))
@@ -451,7 +451,7 @@ class Pretension(Effect):
         return Contribution(loads=(load,), supports=(bond,), frictions=(lock,) if until < np.inf else ())
 
     def check_instants(self, times: Floats) -> None:
-        """Raise SceneError if `until` lies between two instants of a run: the bolt would be locked too early."""
+        """Raise SceneError if `until` is between two instants of a run."""
         if times[0] < self.until < times[-1] and not np.isclose(times, self.until, rtol=SAME, atol=0.0).any():
             raise SceneError(
                 f"{self._subject}: found until = {self.until:.6g}, which is no instant of the run: the bolt would "
@@ -463,7 +463,7 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# Springs add int k_n (u . n)(v . n) + k_t u_t . v_t ds, with tangential parts u_t, v_t; exact for affine k_n, k_t.
+# The form of springs is int k_n (u . n)(v . n) + k_t u_t . v_t ds, exact for affine k_n and k_t.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 

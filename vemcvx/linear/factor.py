@@ -1,7 +1,6 @@
 """The interface of linear solvers: :class:`LinearSolver` makes a :class:`Factor` of K, which solves K x = b.
 
-If the unknowns c come last in K = L L', the Schur complement onto c is S = L_cc L_cc'; L_cc is the trailing block of L.
-The cost of S is part of the cost of the factorisation.
+If the unknowns c come last in K = L L', their Schur complement is S = L_cc L_cc', where L_cc is the last block of L.
 """
 
 from __future__ import annotations
@@ -29,24 +28,24 @@ class Factor(ABC):
     """A factorised symmetric positive definite matrix K (n, n), which solves K x = b."""
 
     exact: bool = True
-    """True if solves are exact up to rounding; False if they are iterative."""
+    """True if `solve` is exact up to rounding."""
 
     @abstractmethod
     def solve(self, b: Floats) -> Floats:
         """Return x with K x = b, for one right-hand side (n,) or for several columns (n, k)."""
 
     def energy(self, b: Floats) -> float:
-        """Return b'K^{-1}b for a force b (n,). Iterative factors return an upper bound: certificates need one."""
+        """Return b'K^{-1}b for a force b (n,), or an upper bound if `exact` is False."""
         return abs(float(b @ self.solve(b)))
 
     def energies_of_columns(self, b: Floats) -> Floats:
-        """Return the `energy` of every column of b (n, k), as (k,)."""
+        """Return the energy of each column of b (n, k)."""
         if self.exact:
             return np.abs(np.einsum("ij,ij->j", b, self.solve(b)))
         return np.array([self.energy(column) for column in b.T])
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
-        """Return b'K^{-1}b (m,) of every row b of a sparse matrix (m, n)."""
+        """Return b'K^{-1}b for each row b of a sparse matrix (m, n)."""
         found = [np.zeros(0)]
         for chunk in chunks(*rows.shape):
             dense = rows[chunk].toarray()
@@ -54,7 +53,7 @@ class Factor(ABC):
         return np.concatenate(found)
 
     def flexibility(self, some: Ints, n: int) -> Floats:
-        """Return the block (k, k) of K^{-1} (n, n) on the unknowns `some` (k,)."""
+        """Return the block of K^{-1} for the unknowns `some` (k,)."""
         found = np.empty((len(some), len(some)))
         for chunk in chunks(len(some), n):
             own = some[chunk]
@@ -65,7 +64,7 @@ class Factor(ABC):
 
 
 def chunks(count: int, n: int) -> Iterator[slice]:
-    """Return slices of `count` right-hand sides (n,), each of at most CHUNK_SIZE entries."""
+    """Return slices of `count` right-hand sides (n,), with at most CHUNK_SIZE entries each."""
     together = max(1, CHUNK_SIZE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))
 
@@ -126,14 +125,14 @@ class LinearSolver(ABC):
         Returns
         -------
         factor : Factor
-            The factor of all of K, as `factorise` returns it.
+            The factor of K, as from `factorise`.
         S : (m, m) array
             Schur complement onto `last`, in the order of `last`, symmetric.
 
         Raises
         ------
         NotAccepted, SceneError
-            The class computes no Schur complements; the matrix is not positive definite.
+            The class computes no Schur complements, or the matrix is not positive definite.
         """
         raise NotAccepted(f"linear solver {type(self).__name__}: it computes no Schur complements; use SuperLU().")
 

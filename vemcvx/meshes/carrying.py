@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
     """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
 
-    `parents` has the old cell of each new cell, `parts` the old boundary edge or face (its position) of each new one.
+    `parents[k]` is the old cell of the new cell k. The new boundary side k lies on the old boundary side `parts[k]`.
     """
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -46,7 +46,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return the new place at the midpoint of each edge (e, 2); coinciding edges have the same place."""
+    """Return a number for the midpoint of each edge (e, 2), equal for coinciding midpoints."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

@@ -83,7 +83,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new node; `opened` pairs of corners are cut."""
+    """Return the new node of each corner, and the old node of each new node."""
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # each group is identified by its first corner
     fresh = ~np.isin(first, np.unique(whole))
@@ -114,7 +114,7 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
-    """Return the two parts of a mesh behind and ahead of a line of edges, in space of a plane of faces.
+    """Cut the mesh of a body in two along a straight line of edges (in space: a plane of faces).
 
     :func:`vemcvx.meshes.bodies` joins both parts again; the cut becomes an interface, for example for `Pretension`.
     Both parts keep cell data and names of boundaries.

@@ -1,6 +1,6 @@
 """Faces of contact in space, each seen along the mean of its normals.
 
-In every face, a node owns the quadrilateral between itself, the midpoints of its two edges, and the centroid.
+A node owns a quadrilateral of each face: its corners are the node, the midpoints of two edges, and the centroid.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ HIDDEN = "contact goes round the body, and no view shows all of it; open the VTU
 class ContactFace:
     """A face of contact in space, with its projection into the plane of the picture."""
 
-    history: Results  # with only these contact nodes
+    history: Results  # the history at the contact nodes of this face
     frame: Floats  # (2, 3) unit vectors to the right and up
-    labels: tuple[str, str]  # the names of the coordinates along these vectors
+    labels: tuple[str, str]  # names of the coordinates to the right and up
     corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
-    owners: Ints  # (k,) the node that owns each quadrilateral, as a position in the contact arrays
+    owners: Ints  # (k,) position in the contact arrays of each owner
 
     @property
     def places(self) -> Floats:
@@ -43,12 +43,12 @@ class ContactFace:
         return self.flat(self.history.contact.points)
 
     def flat(self, vectors: Floats) -> Floats:
-        """Return the components (..., 2) in the picture of vectors (..., 3)."""
+        """Project vectors (..., 3) into the picture (..., 2)."""
         return vectors @ self.frame.T
 
 
 def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactFace]:
-    """Return the faces of contact that one view shows, by names of interfaces, and "obstacles" for all obstacles."""
+    """Return the visible faces of contact by names of interfaces, or by "obstacles"."""
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("contact_face: this body is plane; friction_traction and stick_slip_map draw its contact.")
@@ -60,7 +60,7 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     if on is not None and on not in known:
         raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
     known = known if on is None else [on]
-    # A face is visible in one view if its normals agree. If they do not, the mean of the normals is short.
+    # If normals disagree, their mean is short, and no view shows the whole face.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
 
@@ -74,7 +74,7 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Return unit vectors to the right and up, normal to `mean` (coordinate axes if possible), and their names."""
+    """Return two unit vectors normal to `mean`, to the right and up, and their names."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:
@@ -88,7 +88,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
     """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
-    # At the rim of an interface, a node of the interface owns parts of faces of the interface only.
+    # Row 0: contact with obstacles. Row 1: contact at interfaces.
     rows = np.full((2, mesh.n_nodes), -1)
     rows[joined.astype(int), contact.nodes] = np.arange(len(contact.nodes))
     inner = np.isin(np.arange(mesh.n_faces), np.concatenate([[], *(mesh.boundaries[name] for name in mesh.interfaces)]))
@@ -140,7 +140,7 @@ def contact_face(
     -------
     matplotlib Figure
         The part of the face that a node owns has the colour of the node. Arrows show the slip since the last stored
-        step, at interfaces the slip of the first body against the second; the title gives the largest slip.
+        step (of the first body against the second). The title contains the largest slip.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def _panels(history: Results, on: str | None, ax: Axes | None) -> Iterator[tuple
 
 
 def _states(face: ContactFace, row: int) -> Ints:
-    """Return the state of each contact node (m,), a number in `AREAS`."""
+    """Return the state of each contact node, as a position in `AREAS`."""
     contact = face.history.contact
     return np.where(is_idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
 
@@ -205,12 +205,12 @@ def _fill_states(ax: Axes, face: ContactFace, row: int) -> None:
 
 
 def _slip_arrows(ax: Axes, face: ContactFace, row: int, window: Window | None, units: Units) -> str:
-    """Draw the slip since the last stored step at slipping nodes; return the largest slip in words, "" for none."""
+    """Draw the slips of a step, and return the largest slip in words."""
     contact, stored, places = face.history.contact, face.history.stored, face.places
     shown = np.flatnonzero((_states(face, row) == 1) & within(places, window) & (row > 0))
     moved = face.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
     size = float(np.ptp(places if window is None else np.transpose(window), axis=0).max())
-    size = size or float(np.ptp(face.corners, axis=(0, 1)).max())  # A single node has no extent.
+    size = size or float(np.ptp(face.corners, axis=(0, 1)).max())
     places, largest = places[shown], float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     if largest == 0.0:
         return ""

@@ -1,14 +1,14 @@
 """A step in terms of contact forces: slips and gaps as functions of the forces.
 
-In the notation of :mod:`.step_program`, let x = (lam, p) be the forces, A = [B; D] their rows, c the compliances, and
-off = (s, z - c p) the vector of slips s = B d - b and gaps z - c p with z = D d - e. If x changes by dx, off becomes
+Increments d satisfy K d = g - A'x with the stiffness K, loads g, forces x = (lam, p) and rows A = [B; D]. The vector
+off = (s, z - c p) contains slips s = B d - b and gaps z - c p, with z = D d - e and compliances c. If x changes by dx,
 
     off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
 Rows are scaled by units u such that the diagonal of W + C is 1. Then tolerances do not depend on the system of units.
 
 If K has a kernel with the basis N, anchors (:mod:`.condensation`) make K definite. Increments then have a further term
-N alpha, which changes `off` by R alpha, with R = A N and R'R = I. In equilibrium, `rest` = N'g - R'x is zero.
+N alpha. It changes `off` by R alpha with R = A N, where N is such that R'R = I. In equilibrium, N'g - R'x = 0.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Point:
 
     x: Floats  # (N,) forces (lam, p)
     off: Floats  # (N,) slips s of norm terms, then gaps (z - c p) of limits
-    a: Floats  # (k,) coordinates alpha in the basis of K's kernel
-    rest: Floats  # (k,) imbalance of the forces on the kernel
-    start: Point | None = None  # changes are computed from here, so that rounding does not accumulate
+    a: Floats  # (k,) kernel coordinates alpha
+    rest: Floats  # (k,) imbalance N'g - R'x of forces
+    start: Point | None = None  # changes add to this point: rounding does not accumulate
 
 
 class Delassus:
@@ -68,7 +68,7 @@ class Delassus:
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
     def begin(self, program: StepProgram, lam: Floats, p: Floats, d: Floats | None = None) -> Point:
-        """Return the point under the forces lam and p; its coordinates alpha are those of d, or zero."""
+        """Return the point of the forces lam and p, with the kernel coordinates of d."""
         operators, x = self.operators, np.concatenate([lam.ravel(), p])
         push = program.g - operators.multiplier_force(lam, p)
         off = self.u * self.excess(program, operators.factor.solve(push), p)
@@ -76,13 +76,13 @@ class Delassus:
         return Point(x / self.u, off + self.R @ a, a, self.N.T @ push)
 
     def excess(self, program: StepProgram, d: Floats, p: Floats) -> Floats:
-        """Return the slips and gaps `off` of increments d under the forces p of limits."""
+        """Return the slips and gaps `off` of increments d under obstacle forces p."""
         given = np.concatenate([program.b, program.e + self.operators.compliance * p])
         off: Floats = self.operators.A @ d - given
         return off
 
     def move(self, point: Point, dx: Floats, da: Floats | float = 0.0) -> Point:
-        """Return the point with forces changed by dx and coordinates in the kernel changed by da."""
+        """Return the point after changes dx of forces and da of kernel coordinates."""
         start, x, a = point.start or point, point.x + dx, point.a + da
         dx = x - start.x
         return Point(x, start.off - product(self.W, dx) + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)
@@ -113,7 +113,7 @@ def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Float
 
 
 def build_reflections(direction: Floats) -> Floats:
-    """Return orthogonal matrices (m, block, block) whose first columns are `direction` (m, block) or -`direction`."""
+    """Return orthogonal matrices (m, block, block) with the first column `direction` or -`direction`."""
     normal = direction + np.where(direction[:, :1] < 0, -1.0, 1.0) * np.eye(direction.shape[1])[0]
     mirrors: Floats = np.eye(direction.shape[1]) - 2.0 * (
         normal[:, :, None] * normal[:, None, :] / (normal**2).sum(axis=1)[:, None, None]

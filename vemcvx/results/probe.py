@@ -24,17 +24,17 @@ from vemcvx.vem.points_in_solids import solid_places
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The cells and cell sides in the plane that contain p points, with k pairs (point, cell that contains it)."""
+    """Cells and edges that contain p points of the plane, with k pairs (point, cell)."""
 
     points: Ints  # (k,) the point of each pair, ascending
     cells: Ints  # (k,) the cell of each pair, ascending for each point
-    starts: Ints  # (p,) the first node of the side that contains each point; -1 inside cells and outside the mesh
-    ends: Ints  # (p,) the second node of this side
-    along: Floats  # (p,) the fraction of this side before the point, 0 ... 1
+    starts: Ints  # (p,) first node of the edge that contains the point, or -1
+    ends: Ints  # (p,) second node of the edge, or -1
+    along: Floats  # (p,) position of the point on the edge, 0 ... 1
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
-    """Find the finite points (p, 2) in the mesh; a point outside is in no cell."""
+    """Find the cells and edges that contain points (p, 2)."""
     owner, a, b = cell_of_corner(mesh.offsets), mesh.vertices, next_vertex(mesh.offsets, mesh.vertices)
     reach = ROUNDING * mesh.diameters[owner] + TOLERANCE * np.abs(mesh.points).max()
     low, high = (f(mesh.points[a], mesh.points[b]) for f in (np.minimum, np.maximum))
@@ -49,7 +49,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:
-        # A point on an interface belongs to cells of its first body, if such cells contain the point.
+        # On interfaces, take cells of the first body if such cells contain the point.
         seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
         second = np.isin(pairs, on[np.isin(a[s] * mesh.n_nodes + b[s], seconds)])
         kept = ~(second & np.isin(pairs // mesh.n_cells, pairs[~second] // mesh.n_cells))
@@ -64,7 +64,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The matrices (p, n_nodes) and (p, n_cells) that map values at nodes and on cells to values at p points."""
+    """Matrices (p, n_nodes) and (p, n_cells) that interpolate nodal and cell values at p points."""
 
     nodes: sp.csr_matrix
     cells: sp.csr_matrix
@@ -75,7 +75,7 @@ class Places:
 
 
 def places(mesh: Mesh, points: ArrayLike, subject: str) -> Places:
-    """Return the matrices of points (p, dim); raise SceneError if a point is outside the body."""
+    """Return the interpolation at points (p, dim), or raise SceneError."""
     dim = mesh.points.shape[1]
     wanted = f"points (p, {dim}), one per row, such as {[[0.5] * dim]}"
     x = finite(as_real_array(points, subject, wanted), subject)

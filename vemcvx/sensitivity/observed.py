@@ -1,10 +1,9 @@
 """Quantities of a run: their values, and their derivatives with respect to displacements and contact forces.
 
-Symbols are those of :mod:`vemcvx.results.forces`: stiffness A, viscosity A_1, loads f, rows B^ of friction with lam,
-rows D^ of obstacles with p. Let u = P y + u_D(t) with free unknowns y. The force of the supports, without contact, is
-here R = A u + A_1 du/dt - f + B^'lam + D^'p, and P'R = 0. A quantity is a'u + h'R with vectors a and h, the energy, or
-the losses. A reaction is h'R with h = H d, for d from `support_shares`. If A_1 = 0, the derivatives of h'R by y, lam
-and p are P'A h, B^ h and D^ h.
+Let A be the stiffness, A_1 the viscosity, and f the loads. Friction has the rows B^ and the forces lam. Obstacles have
+the rows D^ and the forces p. The displacement is u = P y + u_D(t) with free unknowns y. The force of the supports is
+R = A u + A_1 du/dt - f + B^'lam + D^'p with P'R = 0. A quantity is a'u + h'R with vectors a and h, the energy, or the
+losses. If A_1 = 0, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations
@@ -34,17 +33,17 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """A scene at the T states of a run, with one row for each instant."""
+    """The states of a run at T instants."""
 
     k: Floats  # (T,) length of the step to each instant; zero at the first instant
-    u: Floats  # (T, n_u)
+    u: Floats  # (T, n_u) displacements
     elastic: Floats  # (T, n_u) A u
-    forces: Floats  # (T, n_u) R
-    lam: Floats  # (T, terms, block); terms of dragged nodes come last, computed from the friction bound
+    forces: Floats  # (T, n_u) forces R of supports
+    lam: Floats  # (T, terms, block) forces of friction; dragged nodes come last
     slips: Floats  # (T, terms * block) in the step to the instant
     p: Floats  # (T, r) forces of obstacles
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
-    stored: Floats  # (T, r) displacements of springs in soft contact, which store energy
+    stored: Floats  # (T, r) spring displacements in soft contact
     w: Floats  # (T, m) friction bounds
 
     @classmethod
@@ -90,7 +89,7 @@ class Observed:
 
 @dataclass(frozen=True, eq=False)
 class Gradients:
-    """The derivatives of Q quantities. Here "dissipated" counts only the losses of the step to each instant."""
+    """The derivatives of Q quantities; "dissipated" is here the loss in the step to each instant."""
 
     y: Floats  # (Q, T, m) by the contact unknowns
     before: Floats  # (Q, T, m) by the contact unknowns one instant before
@@ -116,7 +115,7 @@ class Quantities:
     def differentiate(
         self, posed: PosedScene, at: Observed, E: Any, solve_interior: Callable[[Floats], Floats]
     ) -> Gradients:
-        """Return the derivatives; column j of E (n, m) is y if contact unknown j is 1 and the others are 0."""
+        """Return the derivatives; E (n, m) maps contact unknowns to free unknowns y."""
         gather, terms, acting = posed.supports.gather, posed.terms, posed.system.B.shape[0]
         after = at.k[:, None] > 0  # Losses begin with the first step.
         fixed, outer = gather((self.a + self.h @ posed.A).T), np.multiply.outer
@@ -136,7 +135,7 @@ class Quantities:
 
 
 def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
-    """Return the quantities with these names; raise SceneError for a name that does not fit the scene."""
+    """Return the quantities with these names, or raise SceneError."""
     dim, mesh = posed.space.dim, posed.space.mesh
     a, h = np.zeros((2, len(names), mesh.points.size))
     for name, of_u, of_forces in zip(names, a, h, strict=True):

@@ -33,10 +33,9 @@ class SideRule:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """A set of sides of the boundary, with the nodes of these sides.
+    """A set of sides of the boundary: edges in the plane, faces in space.
 
-    The length (in space the area) of node i is int phi_i ds over the part. A node where sides meet at an angle has
-    several *rows*, one per normal: see :class:`BoundaryRows`.
+    If sides meet at an angle at a node, the node has several *rows*, one per normal: see :class:`BoundaryRows`.
 
     Examples
     --------
@@ -48,8 +47,8 @@ class Part:
     sides: Ints  # (m, 2) the nodes of each edge, with its cell on the left; or (m,) the face numbers, ascending
     normals: Floats  # (m, dim) outward unit normals of sides
     measures: Floats  # (m,) lengths or areas of sides
-    rules: Callable[[int], tuple[SideRule, ...]]  # the rule for a number of Gauss points per edge; on faces, degree 5
-    ends: SideEnds  # one row for each node of each side; the sides are in the order of `rules`
+    rules: Callable[[int], tuple[SideRule, ...]]  # rules for a number of Gauss points per edge; on faces of degree 5
+    ends: SideEnds  # ends of the sides, in the order of `rules`
 
     @cached_property
     def nodes(self) -> Ints:
@@ -58,18 +57,18 @@ class Part:
 
     @cached_property
     def node_lengths(self) -> Floats:
-        """The integrals int phi_i ds over the part for each of `nodes`; their sum is the measure of the part."""
+        """The integral int phi_i ds over the part, for each node i in `nodes`."""
         ends = self.ends
         return read_only(totals(np.searchsorted(self.nodes, ends.nodes), ends.lengths, len(self.nodes)))
 
     @property
     def names(self) -> Ints:
-        """The ends (e, 2) of sides: the node at the end, and the other node of the edge (in space: the face number)."""
+        """The ends (e, 2) of sides: a node, and the other node of the edge (in space: the face)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
     def node_normals(self) -> BoundaryRows:
-        """The rows of this part: one per node, or several where sides meet at an angle."""
+        """The rows of this part."""
         points, blocks = [], []
         for rule in self.rules(4):  # degree 7 on edges: see `BoundaryRows.matrix`
             m, n, q = rule.shares.shape
@@ -91,13 +90,13 @@ def edge_part(
 ) -> Part:
     """Return the part of the boundary that consists of these edges (m, 2), with their cells on the left.
 
-    Two arrays (m, 2) have values for both nodes of an edge. `across` is the node of another body that an interface
-    joins to the node, or -1. `inside` is True if only one cell contains the node (on interfaces: one cell of the first
-    body); where the boundary is straight, it hangs. In bodies of revolution, lengths and weights contain 2 pi r.
+    The arrays `across` and `inside` have the shape (m, 2), for both nodes of each edge. `across` is the joined node of
+    another body, or -1. `inside` is True if only one cell contains the node (on interfaces: one cell of the first
+    body). Such a node hangs where the boundary is straight. In bodies of revolution, lengths contain 2 pi r.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
-    # The depth of the body, 2 pi r or 1, at the two nodes of each edge. Between the nodes, the depth is linear.
+    # The depth of the body, 2 pi r or 1, at both nodes of each edge.
     r = points[edges, 0]
     depth = 2.0 * np.pi * r * (r > SAME * points[:, 0].max()) if axisymmetric else np.ones(edges.shape)
     node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
@@ -131,13 +130,13 @@ def edge_part(
 
 
 def _outward(chords: Floats) -> tuple[Floats, Floats]:
-    """Return the outward unit normals (m, 2) of edges with these vectors (m, 2), and their lengths (m,)."""
+    """Return the outward unit normals and the lengths of edges with vectors (m, 2)."""
     lengths = np.sqrt(np.einsum("ea,ea->e", chords, chords))
     return np.column_stack([chords[:, 1], 0.0 - chords[:, 0]]) / lengths[:, None], lengths
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge (m,) of the whole side of each edge; hanging nodes do not end a whole side."""
+    """Return the first and last edge of the whole side that contains each edge."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -149,7 +148,7 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
     first[after[hung]], last[hung] = hung, after[hung]
     for _ in range(len(edges).bit_length()):
         first, last = first[first], last[last]
-    # Do not join edges of a closed chain (around a body of one cell), or of a chain that is not straight as a whole.
+    # Leave out chains that are closed, or not straight as a whole.
     ends = ~np.isin(first, after[hung])
     chord = np.where(ends[:, None], points[edges[last, 1]] - points[edges[first, 0]], 1.0)
     bent = np.linalg.norm(_outward(chord)[0] - normals, axis=1) >= DIRECTION_TOLERANCE
@@ -162,7 +161,7 @@ def face_part(
 ) -> Part:
     """Return the part of the boundary that consists of these faces (m,), ascending; see `edge_part`.
 
-    `across` has, for each vertex of each face in turn, the node of another body at the same place, or -1.
+    `across` lists, face by face, the joined node of another body at each vertex, or -1.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
@@ -229,19 +228,18 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry at some nodes; supports hold these nodes in the normal directions."""
+    """Planes of symmetry at nodes that supports hold in the normal directions."""
 
     nodes: Ints
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the parts (m, dim) of vectors[i] normal to the planes of symmetry at both nodes[i] and partners[i]."""
+        """Return the parts of vectors (m, dim) normal to the planes of both node and partner."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # If the normals of two planes have the angle t, the mean of both projections has the eigenvalue cos(t / 2)^2,
-        # about 1 - t^2 / 4, along the bisector of the normals. Planes with t <= DIRECTION_TOLERANCE count as equal.
+        # Two normals at the angle t give the eigenvalue cos(t / 2)^2, about 1 - t^2 / 4.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
@@ -304,7 +302,7 @@ class SideEnds:
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
-    curvature: Floats  # (e,) weights of normals in the mean over a curve: 1 / length, or sin(alpha) / (|a| |b|)
+    curvature: Floats  # (e,) weights of normals: 1 / length, or sin(alpha) / (|a| |b|)
     noise: Floats  # (e,) largest angle by which rounding turns the side
     sizes: Floats  # (e,) length (in space: area) of the whole side
     lengths: Floats  # (e,) int phi_i ds over the side
@@ -342,18 +340,18 @@ class SideEnds:
         )
 
     def _weights(self, row: Ints, k: int) -> Floats:
-        """Return the weights (e,) with which the k rows average the normals of their ends."""
+        """Return the weights (e,) of ends in the mean normals of k rows."""
         longest, most = np.zeros(k), np.zeros(k)
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)
         part = (self.sizes / longest[row]) ** 4
-        # If all curvatures are zero (at a hanging node of a face, sin(alpha) = 0), only areas count.
+        # At hanging nodes of faces, all curvatures are zero, and only areas count.
         relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
         # Sides shorter than 0.03 of the longest side at their node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part
 
     def _interpolate_normals(self, normals: Floats, row: Ints) -> Floats:
-        """Return the normals (k, dim) of rows; at hanging nodes, interpolate between the ends of the whole side."""
+        """Return the normals (k, dim) of rows, interpolated at hanging nodes."""
         if self.whole_sides is None or self.position is None:
             return normals
         (one, other), s = self.whole_sides.T, self.position[:, None]
@@ -367,7 +365,7 @@ class SideEnds:
         return found
 
     def _group_ends(self) -> Ints:
-        """Return the row (e,) of each end: rows are ordered by node, one row per normal and partner."""
+        """Return the row of each end, as in :class:`BoundaryRows`."""
         order = np.argsort(self.nodes, kind="stable")
         leader = np.full(len(order), -1)
         while (waiting := np.flatnonzero(leader < 0)).size:
@@ -384,7 +382,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Average each normal n (k, dim) with its mirror image, n - 2 `across`, if the two are close."""
+    """Average normals n (k, dim) with close mirror images n - 2 `across`."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

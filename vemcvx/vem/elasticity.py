@@ -29,7 +29,7 @@ from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 
 def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
-    """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
+    """Add the stabilisation tau h_K^(dim - 2) (I - Pi)'(I - Pi) to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
     stable = (tau * cells.stabilised_size)[:, None, None] * products_of_remainder(cells.vertex_values())
@@ -38,7 +38,7 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Return the stiffness matrix over all n_u nodal values, an exactly symmetric sum of the matrices of cells.
+    """Return the exactly symmetric stiffness matrix over all n_u nodal values.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
 
 
 def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> sp.csr_matrix:
-    """Return the stiffness matrix; `moduli` are as in :func:`.tensors.elastic_matrix`, and zero without a material."""
+    """Return the stiffness matrix for the moduli of :func:`.tensors.elastic_matrix`."""
     filled, dim = (moduli != 0.0).any(axis=0), space.dim
     # Leave out cells without a material, unless no cell has a material.
     filled = filled if filled.any() else np.ones_like(filled)
@@ -89,9 +89,9 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
-    """Assemble the matrix over nodal values from blocks (pairs, dim^2), one for each pair (i, j) of vertices of a cell.
+    """Assemble a matrix from blocks (pairs, dim^2), one for each pair (i, j) of vertices of each cell.
 
-    Each array (c, n) of `nodes` has the vertices of c cells. The blocks follow these arrays and cells; j runs fastest.
+    Pairs follow the cells in the arrays (c, n) of `nodes`. In a cell, j runs fastest.
     """
     keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
     order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
@@ -106,7 +106,7 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
 
 
 def softest_shear(C: Floats) -> Floats:
-    """Return the smallest eigenvalue (n_cells,) of C_k on deviatoric strains: tau of the stabilisation "shear"."""
+    """Return the smallest eigenvalue of C_k on deviatoric strains, for each cell."""
     return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
@@ -216,5 +216,5 @@ def rigid_modes(points: Floats) -> Floats:
 
 
 def split_motion(mode: Floats) -> tuple[Floats, Floats]:
-    """Split the coefficients of a combination of rigid modes into those of translations and those of rotations."""
+    """Split coefficients of rigid modes into translations and rotations."""
     return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])

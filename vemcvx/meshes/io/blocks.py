@@ -21,7 +21,7 @@ GEOMETRICAL = "gmsh:geometrical"
 
 
 def from_meshio(mesh: Any) -> Grid:
-    """Return the cells of a mesh, block by block, with data, named sets and physical groups."""
+    """Convert a mesh of meshio, with data, named sets and physical groups."""
     grid = cells_of(mesh)
     names = {(int(x[1]), int(x[0])): name for name, x in mesh.field_data.items() if np.shape(x) == (2,)}
     if PHYSICAL in grid.data:
@@ -30,9 +30,9 @@ def from_meshio(mesh: Any) -> Grid:
 
 
 def cells_of(mesh: Any) -> Grid:
-    """Return the corners of cells, block by block, with data and named sets of cells and nodes."""
+    """Convert a mesh of meshio, without physical groups."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # `mesh_of` will refuse unknown kinds; their data need not be an array
+    for block in mesh.cells:  # data of unknown kinds may be no array
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
@@ -56,7 +56,7 @@ def cells_of(mesh: Any) -> Grid:
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Add physical groups as named sets; `numbers` (k,) has each cell's group, or its entity if `groups` is given."""
+    """Add physical groups of cells as named sets; with `groups`, `numbers` are entities."""
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
     for dim, number in np.unique(np.column_stack([dimension, numbers]), axis=0).tolist():
@@ -73,12 +73,12 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return the meshio mesh of a grid; if its blocks reorder the cells, the cell datum `CELL` has the old order."""
+    """Return the meshio mesh of a grid; `CELL` keeps the old order of cells."""
     import meshio
 
     counts = np.diff(grid.offsets)
     _, first, kind = np.unique(np.char.add(grid.kinds, counts.astype(str)), return_index=True, return_inverse=True)
-    kind = np.argsort(np.argsort(first))[kind]  # in order of appearance
+    kind = np.argsort(np.argsort(first))[kind]
     order = np.argsort(kind, kind="stable")
     members = np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
     data: dict[str, NDArray[Any]] = grid.data | {MARK + name: x.astype(np.uint8) for name, x in grid.sets.items()}

@@ -1,4 +1,4 @@
-"""A parameter study: one problem run with all combinations of settings, as a table and as files."""
+"""A parameter study: runs of one problem with all combinations of settings."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SET = "set."  # Prefix of settings in rows, because a parameter may have the nam
 
 
 def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
-    """Return the chosen names of results, or the usual ones; raise ProblemError for an unknown name."""
+    """Return the names of the chosen results, by default `USUAL`."""
     if unknown := [name for name in typed if name not in NAMES]:
         raise ProblemError(f"--results: there is no result {unknown[0]!r}; there are {', '.join(NAMES)}.")
     return tuple(typed) or USUAL
 
 
 def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
-    """Return a folder name for each run: its settings, or run_1, run_2, ... if names would be too long or equal."""
+    """Return one folder name per run: the settings, or run_1, run_2, ... ."""
     names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
     good = len(set(names)) == len(names) and max(map(len, names)) <= 100
     return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
@@ -39,12 +39,12 @@ def varying(rows: Sequence[Row]) -> list[str]:
 
 
 def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
-    """Return the names of results in the table: the chosen results and the estimated error, if some run has them."""
+    """Return the names of the results that the table of a study shows."""
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 
 def table(rows: Sequence[Row], chosen: Sequence[str], units: Mapping[str, str]) -> Table:
-    """Return the table of a study: varying settings, chosen results with their units, and a remark if a run failed."""
+    """Return the table of a study."""
     several, found, cells = varying(rows), find_results(rows, chosen), []
     heads = ["\n".join([*name.split("_"), *([f"({units[name]})"] if name in units else [])]) for name in found]
     for row in rows:
@@ -55,7 +55,7 @@ def table(rows: Sequence[Row], chosen: Sequence[str], units: Mapping[str, str]) 
 
 
 def remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a line for each failure, unbounded result or warning, with the runs in which it occurs."""
+    """Yield a line for each failure, unbounded result or warning."""
     runs_of: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         found = [("warning", words) for words in row.get("warnings", ())]
@@ -70,14 +70,14 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def reserve_files(folder: Path) -> None:
-    """Raise an error before the first run if the files cannot be written."""
+    """Raise an error if the files of a study cannot be written."""
     with Owned(folder) as own:
         for name in (TABLE, WORDS):
             own.take(name)
 
 
 def write(rows: Sequence[Row], folder: Path) -> list[str]:
-    """Write all settings and results as CSV and JSON; return the names of the files."""
+    """Write settings and results as CSV and JSON, and return the file names."""
     plain = [{name: value for name, value in row.items() if name != "warnings"} for row in rows]
     with Owned(folder) as own:
         return [own.write(TABLE, csv(plain)), own.write(WORDS, f"{json.dumps(rows, indent=2)}\n")]

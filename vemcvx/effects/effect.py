@@ -1,7 +1,6 @@
 """The base class of effects, and the contributions of effects to the assembled problem.
 
-A displacement is a vector u of n_nodes * dim numbers: u[i * dim + j] is component j at node i. Users may define effects
-with contributions of the kinds in this module.
+A displacement is a vector u of n_u = n_nodes * dim numbers: u[i * dim + j] is component j at node i.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True)
 class Load:
-    """A force that depends linearly on a datum: the nodal force at t is matrix @ value(points, t).
+    """A force that depends linearly on a datum: the nodal force at time t is matrix @ value(points, t).
 
     Attributes
     ----------
@@ -54,22 +53,22 @@ class Load:
     points: Floats
     matrix: sp.csr_matrix
     value: data.Datum
-    cells: Ints | None = None  # (q,) the cells of the points, if the load acts inside the body
-    edges: Ints | None = None  # (q, 2) the edges of the points, if the load acts on the boundary
+    cells: Ints | None = None  # (q,) cells of the points, for loads inside the body
+    edges: Ints | None = None  # (q, 2) edges of the points, for loads on the boundary
     times: tuple[float, ...] = ()  # the instants of the run; empty if unknown
     between: bool = False  # True if two bodies exert the load on each other
 
     @property
     def is_scalar(self) -> bool:
-        """True if the datum is a number, and not a vector."""
+        """True if the datum is a number, False if it is a vector."""
         return self.matrix.shape[1] == len(self.points)
 
     def at(self, x: Floats, t: float) -> Floats:
-        """Return the datum, (k,) or (k, dim), at points x (k, dim) and time t."""
+        """Return the datum at points x (k, dim) and time t."""
         return data.At(x, t).read(self.value, self.subject, "number" if self.is_scalar else "vector")
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
-        """Return the datum, (k,) or (k, dim), at points x of the cells `owner` (k,); zero in cells without the load."""
+        """Return the datum at points x in the cells `owner`; it is zero in cells without the load."""
         loaded = np.isin(owner, () if self.cells is None else self.cells)
         return (self.at(x, t).T * loaded).T
 
@@ -79,14 +78,14 @@ class Load:
 
     @cached_property
     def values(self) -> Callable[[float], Floats]:
-        """The function t -> values (q * dim,), or (q,), of the datum at all points."""
+        """The function that returns the datum at all points for a time t."""
         return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
     def borne(self) -> Floats:
-        """The force (q, dim) that each point adds to the load if all components of the datum are 1."""
+        """The forces (q, dim) of the points for a datum whose components are all 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
-        # Basis functions sum to 1, so nodal forces along an axis add up to the total force along this axis.
+        # Basis functions sum to 1, so nodal forces along an axis add up to the total force.
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
         return total if self.is_scalar else total.reshape(-1, dim, dim).sum(axis=1)
 
@@ -130,14 +129,14 @@ class Support:
     directions: Floats
     points: Floats
     value: Callable[[float], Floats] | None = None
-    contact: bool = False  # True for bilateral contact: other supports in the same direction take precedence
-    partners: Ints | None = None  # (m,) opposite nodes, if u(node) - u(partner) is prescribed; else -1
-    patterns: Floats | None = None  # (m, k) independent columns: patterns @ c is added to value(t), with unknown c (k,)
+    contact: bool = False  # True for bilateral contact, which yields to other supports in the same direction
+    partners: Ints | None = None  # (m,) nodes j where u(node) - u(j) is prescribed, else -1
+    patterns: Floats | None = None  # (m, k) independent columns: value(t) + patterns @ c is prescribed, c is unknown
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The displacement of the counter-surface at points (q, dim); normal components have no effect."""
+    """The displacement of the counter-surface at points (q, dim). Normal components have no effect."""
 
     subject: str
     points: Floats
@@ -163,35 +162,35 @@ class ContactSurface:
     subject: str  # the name of the effect in messages
     nodes: Ints  # (m,)
     normals: Floats  # (m, dim) outward unit normals
-    lengths: Floats  # (m,) integrals of basis functions over the edges, in space faces, with this normal
+    lengths: Floats  # (m,) integrals of basis functions over edges (in space: faces) with this normal
     ends: EdgeEnds | None = field(default=None, kw_only=True)  # the edges at each row; None if unknown
     partners: Ints | None = field(default=None, kw_only=True)  # (m,) opposite nodes at interfaces, else -1
 
     @classmethod
     def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
-        """Return an instance with the rows of a part of the boundary; `more` has further fields."""
+        """Return the surface of a part of the boundary; `more` has further fields."""
         own = subject, rows.nodes, rows.normals, rows.lengths
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)|, one per row.
+    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)| with normals n, one per row.
 
-    Here v is u minus the displacement of the ground, and v_prev is v at the instant before.
+    Here v is u minus the displacement of the ground, and v_prev is v at the previous instant.
 
     Attributes
     ----------
     weights : callable t -> (m,)
         The largest friction forces, such as bound * lengths; infinite at nodes that always stick.
     in_the_air : bool
-        True if a warning is issued where friction acts although one-sided contact is open.
+        True to warn where friction acts although one-sided contact is open.
     ground : Ground, optional
         The displacement of the obstacle, if it moves.
     law : Law, optional
         Additional weights, which depend on contact forces and slip.
     directions : (m, dim) array, optional
-        Unit vectors e_i: terms are w_i |e_i . (v - v_prev)| instead.
+        Unit vectors e_i, if the terms are w_i |e_i . (v - v_prev)(node_i)| instead.
 
     Examples
     --------
@@ -206,7 +205,7 @@ class Friction(ContactSurface):
     ground: Ground | None = None
     law: Law | None = None
     directions: Floats | None = None
-    bond: bool = False  # True for a term that locks the amplitude of a support; it is not reported as contact
+    bond: bool = False  # True for terms that hold a support, and are not reported as contact
 
     def __post_init__(self) -> None:
         given, shape = self.directions, self.normals.shape
@@ -218,32 +217,32 @@ class Friction(ContactSurface):
 
     @property
     def in_plane(self) -> bool:
-        """True if the normals are those of a body in the plane."""
+        """True for a body in the plane."""
         return tangents_of(self.normals[:1]).shape[1] == 1
 
     @property
     def across(self) -> Floats:
-        """The normals (m, dim); `directions` replace them, in the plane after a rotation by -90 degrees."""
+        """The normals (m, dim), or vectors that replace the normals if `directions` are given."""
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
 
     @property
     def tangents(self) -> Floats:
-        """The vectors (m, dim - 1, dim) along which slip is measured; with `directions` in space, the second is 0."""
+        """The vectors (m, dim - 1, dim) along which slip is measured."""
         if self.directions is None or self.in_plane:
             return tangents_of(self.across)
         return np.stack([self.directions, 0.0 * self.directions], axis=1)
 
     def weights_under(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Return the weights for normal forces p, slips `past` before the step, and `slip` in the step; all (m,)."""
+        """Return the weights for normal forces p, past slips, and the slip of the step."""
         w = data.read_weights(self.weights(t), len(self.nodes), f"{self.subject}: weights at t = {t:.6g}")
         if self.law is None:
             return w
         return w + self._evaluate("law of friction", self.law.weights, t, (p, past, slip))
 
     def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
-        """Return the derivatives (m,) of the weights with respect to normal forces; zero if the law has no slope."""
+        """Return the derivatives (m,) of the weights by the normal forces p."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
         return self._evaluate("slope", self.law.slope, t, (p, past))
@@ -260,21 +259,21 @@ class Friction(ContactSurface):
 
     @property
     def softening(self) -> Floats:
-        """The largest decrease (m,) of weights per slip; zero without a law."""
+        """The largest decrease (m,) of the weights per slip."""
         fall = 0.0 if self.law is None else self.law.softening
         return data.read_finite(fall, len(self.nodes), f"{self.subject}: softening")
 
 
 @dataclass(frozen=True)
 class Obstacle(ContactSurface):
-    """Limits n . u(node_i) <= gap_i(t), one per row; compliant obstacles penalise the excess instead.
+    """Limits n . u(node_i) <= gap_i(t) with normals n, one per row. Compliant obstacles penalise the excess.
 
     Attributes
     ----------
     gap : callable t -> (m,)
         Distance to the obstacle along the outward normal, length.
     compliance : (m,) array
-        Depth per nodal force; 0 where the obstacle is rigid. With `rates`, velocity per nodal force.
+        Penetration per nodal force; 0 where the obstacle is rigid. With `rates`, velocity per nodal force.
     rates : bool
         True for limits on velocities: n . (u - u_prev) <= gap - gap_prev in each step.
 
@@ -293,20 +292,20 @@ class Obstacle(ContactSurface):
 
 @dataclass(frozen=True)
 class Material:
-    """Hooke's law on the cells of a material; zero on all other cells."""
+    """Hooke's law in the cells of a material; moduli are zero in other cells."""
 
     subject: str  # the name of the effect in messages
-    # (2, n_cells) Lame's lam (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, row by row:
-    # (6, n_cells), in space (21, n_cells), in bodies of revolution (10, n_cells).
+    # (2, n_cells) Lame's lam (reduced in plane stress) and mu, or upper triangles of elastic matrices: (6, n_cells), in
+    # space (21, n_cells), in bodies of revolution (10, n_cells)
     moduli: Floats
-    thermal_stress_moduli: Floats  # (n_cells, components) b, if a blocked isotropic strain s causes the stress -b s
+    thermal_stress_moduli: Floats  # (n_cells, components) b: a blocked isotropic strain s causes the stress -b s
     plane: str  # "strain", "stress" or "axisymmetric", the same for all materials of a body; "strain" in space
     cells: Bools | None = None  # (n_cells,) the cells of the material; None means all
-    # (n_cells, 4) a row r for each cell: the stress zz is r . (e_xx, e_yy, 2 e_xy, -s) with the eigenstrain s. Zero in
-    # plane stress; None in space, in bodies of revolution, and if the law does not define zz.
+    # (n_cells, 4) rows r: the stress zz is r . (e_xx, e_yy, 2 e_xy, -s) with the strain e and the eigenstrain s. Zero
+    # in plane stress; None in space, in bodies of revolution, and for laws without zz.
     out_of_plane: Floats | None = None
-    stabilisation: Stabilisation | None = None  # S_K; None means "shear"
-    # (x, cells) -> moduli (the upper triangle) and thermal stress moduli at points x; None if constant in every cell.
+    stabilisation: Stabilisation | None = None  # None means "shear"
+    # moduli (upper triangles) and thermal stress moduli at points of cells; None if constant in every cell
     at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
 
     def elastic(self, dim: int) -> Floats:
@@ -314,15 +313,15 @@ class Material:
         return elastic_matrix(self.moduli, dim)
 
     def choose_stabilisation(self, dim: int) -> Stabilisation:
-        """Return S_K; if the material has none, the stabilisation "shear" with the softest shear modulus."""
+        """Return the stabilisation, by default "shear" with the softest shear modulus."""
         return self.stabilisation or VertexWeights(softest_shear(self.elastic(dim)))
 
     def stiffness(self, space: Space) -> sp.csr_matrix:
-        """Return the stiffness matrix of these cells."""
+        """Return the stiffness matrix of the cells of the material."""
         return stiffness_of(space, self.moduli, self.choose_stabilisation(space.dim))
 
     def stabilisation_energies(self, space: Space, u: Floats) -> Floats:
-        """Return S_K(u - Pi u, u - Pi u) of every cell, (n_cells,), for displacements u (n_nodes, dim)."""
+        """Return the stabilisation energies (n_cells,) of displacements u (n_nodes, dim)."""
         return remainder_energies(space, self.choose_stabilisation(space.dim), self.elastic(space.dim), u)
 
 
@@ -337,7 +336,7 @@ class Eigenstrain:
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress at zero strain, force per area, tension positive; `component_names` gives the order of components."""
+    """A stress at zero strain (force per area, positive in tension), in the order of `component_names`."""
 
     subject: str
     value: Callable[[float], Floats]  # t -> (n_cells, components)
@@ -351,9 +350,9 @@ class Contribution:
     Attributes
     ----------
     stiffness : (n_u, n_u) sparse matrix, optional
-        Stiffness of springs to the ground, or of a material whose stiffness does not follow from its moduli.
+        Stiffness of springs to the ground, or of a material whose stiffness does not follow from moduli.
     loads, supports, frictions, obstacles : tuple
-        Objects of the class in the singular, such as `Load`.
+        Objects of the classes `Load`, `Support`, `Friction` and `Obstacle`.
     surfaces : tuple of ContactSurface
         Surfaces on which contact is reported, besides those of frictions and obstacles.
     viscosity : (n_u, n_u) sparse matrix, optional
@@ -384,8 +383,8 @@ class Contribution:
 class Effect(ABC):
     """One piece of physics of a scene, independent of the mesh.
 
-    An effect is a frozen dataclass of names of boundaries, constants and functions; arrays are copied. Effects do not
-    depend on each other, on solvers or on time stepping, and their order in a scene changes nothing.
+    An effect is a frozen dataclass of names, constants and functions, which copies arrays. The order of effects in a
+    scene changes nothing.
 
     Examples
     --------
@@ -406,7 +405,7 @@ class Effect(ABC):
     def contribute(self, space: Space) -> Contribution:
         """Return the contribution of this effect on the mesh of `space`.
 
-        Equal calls must give equal arrays. Data f(x, t) stay functions, which are evaluated at the instants of a run.
+        Equal calls must return equal arrays. Functions f(x, t) are returned as functions.
         """
 
     @property
@@ -414,7 +413,7 @@ class Effect(ABC):
         return type(self).__name__ + (f" on {where(on)}" if (on := getattr(self, "on", None)) is not None else "")
 
     def _read(self, name: str, at: data.At | data.InCells, value: Any = None, label: str | None = None) -> Floats:
-        """Return the values of a field at points or cells, checked by the rule of the field (`data.holds`)."""
+        """Return the checked values of a field at points or in cells."""
         declared = {one.name: one.metadata for one in fields(self)}[name]  # type: ignore[arg-type]
         found = at.read(getattr(self, name) if value is None else value, f"{self._subject}: {name}")
         sign = declared["sign"]
@@ -429,17 +428,17 @@ class Effect(ABC):
         """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
-        """Return the line of `describe` with the defaults for a body in the plane, or for a body in space."""
+        """Return the line of `describe` with the defaults in the plane or in space."""
         return self.describe()
 
 
 def where(on: str | Sequence[str]) -> str:
-    """Return the boundary names of `on` in words; unknown names are refused later, on the mesh."""
+    """Return names, separated by commas."""
     return ", ".join(map(str, on)) if isinstance(on, Sequence) and not isinstance(on, str) else str(on)
 
 
 def amount(value: object, arguments: str = "x, t") -> str:
-    """Return a description of a datum in one line: its number, or the name of its function."""
+    """Return a description of a datum in one line."""
     if callable(value):
         return f"{getattr(value, '__name__', 'function')}({arguments})"
     if isinstance(value, np.ndarray) and value.size > 3:

@@ -1,11 +1,11 @@
 """oneMKL's PARDISO: the Cholesky factorisation K = L L', through the package py-mkl-pardiso (extra ``mkl``).
 
-Let c be the m unknowns that PARDISO's array `perm` marks. With the setting iparm[35] = 2, phase 12 factorises K, and
-writes the m^2 entries of the Schur complement onto c to the beginning of the solution array. Phase 33 solves K x = b.
-Phase 333 solves L'x = b for the unknowns outside c, with x_c = b_c.
+PARDISO's array `perm` marks m unknowns c. With the setting iparm[35] = 2, phase 12 factorises K and computes the Schur
+complement S of c. The solution array then begins with the m^2 entries of S. Phase 33 solves K x = b. Phase 333 solves
+L'x = b, but keeps x_c = b_c.
 
-The public class of py-mkl-pardiso factorises before `perm` can be set, so we use its base class, _PardisoSolver. The
-setting iparm[36] (blocks of rows with the same pattern) is off, because blocks of more than 256 rows crash the process.
+We use the private class _PardisoSolver, because the public class factorises before `perm` can be set. The setting
+iparm[36] is off, because blocks of more than 256 rows with the same pattern crash the process.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Pardiso(LinearSolver):
 
 
 class PardisoFactor(Factor):
-    """The factors of K; `schur` (m, m) is the Schur complement onto the unknowns `last`, in the order of `last`."""
+    """The factors of K, and the Schur complement `schur` (m, m) of the unknowns `last`."""
 
     def __init__(self, K: sp.csr_matrix, last: Ints):
         n, m, diagonal = K.shape[0], len(last), K.diagonal()
@@ -78,7 +78,7 @@ class PardisoFactor(Factor):
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _create_solver(K, last, self.unit)
-        # PARDISO writes the Schur complement S in ascending order of unknowns; `own` has room for its m^2 entries.
+        # The array `own` gets S first, with unknowns in ascending order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:
@@ -92,8 +92,7 @@ class PardisoFactor(Factor):
         if info > 0:
             raise singular_matrix_error()
         self.schur: Floats = self.unit * S
-        # K is singular up to rounding if EPS K_ii (K^{-1})_ii is not small for some i. The random vectors x have the
-        # covariance `self.unit` K^{-1}, so the mean of x_i^2 estimates `self.unit` (K^{-1})_ii.
+        # K is singular if EPS K_ii (K^{-1})_ii is large. The mean of x_i^2 estimates `self.unit` (K^{-1})_ii.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
         x = self._run(333, z)

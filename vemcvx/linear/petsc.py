@@ -1,11 +1,11 @@
 """PETSc's conjugate gradients with algebraic multigrid (GAMG) over the ranks of MPI, on one or more machines.
 
 Rank 0 poses the problem, holds the whole matrix K and computes the steps. Each rank holds some rows of K and a part of
-the multigrid hierarchy. Ranks above 0 wait in :func:`serve`. If rank 0 needs a method of :class:`Ranks`, it sends the
-name of the method to the other ranks, and all ranks execute the method.
+the multigrid hierarchy. Ranks above 0 wait in :func:`serve` until rank 0 sends the name of a method of :class:`Ranks`.
+All ranks then execute the method.
 
-GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Therefore the cycle is
-a symmetric matrix M such that no eigenvalue of M K exceeds 1, as the bounds of :mod:`vemcvx.linear.iterative` require.
+GAMG smooths by Chebyshev polynomials of the same degree before and after the coarse correction. Therefore the multigrid
+cycle is a symmetric matrix M, and no eigenvalue of M K exceeds 1.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "-1",  # drop no weak couplings: without them, coarse matrices become fuller
+    "pc_gamg_threshold": "-1",  # keep weak couplings, because dropping them fills coarse matrices
     "mg_coarse_pc_type": "redundant",  # with one block per rank, eigenvalues of M K may exceed 1
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
-"""Number of unknowns below which GAMG may have a single level; K is then also factorised, which takes 5 ms."""
+"""Number of unknowns below which GAMG may have a single level, and SuperLU checks K."""
 CALL, BLOCK = 1, 2
 """Tags of MPI messages: a method call, and a block of rows."""
 log = logging.getLogger("vemcvx")
@@ -69,7 +69,7 @@ class PETSc(Iterative):
 
 
 class PETScFactor(IterativeFactor):
-    """A distributed matrix K. The ranks hold one matrix at a time: the one that was used last."""
+    """A distributed matrix K. The ranks hold the last used matrix."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
         # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.
@@ -96,7 +96,7 @@ class PETScFactor(IterativeFactor):
 
 
 class Ranks:
-    """The data of one rank (its rows of K and its part of the hierarchy), and its messages to other ranks."""
+    """The data of one rank, and messages to other ranks."""
 
     def __init__(self) -> None:
         # A rank that spins while it waits would take cores from ranks that compute.
@@ -118,12 +118,12 @@ class Ranks:
             atexit.register(self._tell, None)
 
     def call(self, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
-        """Call method(*shared) on ranks above 0, and method(*shared, *own) on rank 0."""
+        """Call a method on all ranks, with further arguments `own` on rank 0."""
         self._tell((name, shared))
         return self.act(name, *shared, *own)
 
     def act(self, name: str, *arguments: Any) -> Any:
-        """Call a method on this rank. If the method fails, end all ranks, because they may be waiting for this rank."""
+        """Call a method on this rank. If the method fails, end all ranks."""
         try:
             return getattr(self, name)(*arguments)
         except Exception as error:
@@ -158,24 +158,24 @@ class Ranks:
         ksp.setOperators(A)
         ksp.setFromOptions()
         ksp.setUp()
-        # The solution x and the right side b are distributed; rank 0 exchanges their entries through `whole`.
+        # Rank 0 scatters the right side b, and gathers the solution x, through `whole`.
         x, b = A.createVecs()
         scatter, whole = petsc.Scatter.toZero(x)
         self._objects = [ksp, near, x, b, scatter, whole, A]
 
     def solve(self, tolerance: float, iterations: int, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return x with K x = b on rank 0, None on others; and 0 if the tolerance was reached, else 1."""
+        """Return the solution x of K x = b (None above rank 0), and 0 on convergence, else 1."""
         ksp = self._objects[0]
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=iterations)
         x = self._exchange(ksp.solve, b)
         return x, 0 if ksp.getConvergedReason() > 0 else 1
 
     def cycle(self, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return M b on rank 0, where M is one multigrid cycle, and the status 0."""
+        """Return M b (None above rank 0) for the multigrid cycle M, and 0."""
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
-        """Spread the vector `right` of rank 0 over the ranks, call `act`, and gather the result on rank 0."""
+        """Return the result of `act` on the vector `right` of rank 0 (None above rank 0)."""
         _, _, x, b, scatter, whole, _ = self._objects
         if right is not None:
             whole.getArray()[:] = right
@@ -185,7 +185,7 @@ class Ranks:
         return whole.getArray().copy() if self.comm.rank == 0 else None
 
     def _own_rows(self, rows: Any, ends: list[int]) -> Any:
-        """Return this rank's rows of a matrix or an array (n, ...) that rank 0 holds."""
+        """Return this rank's rows of a matrix or array that rank 0 holds."""
         if self.comm.rank > 0:
             return self._large.recv(source=0, tag=BLOCK)
         for rank in range(1, self.comm.size):
@@ -195,7 +195,7 @@ class Ranks:
 
 @cache
 def all_ranks() -> Ranks:
-    """Return the ranks of this run: a single one if it started without mpiexec."""
+    """Return the ranks of this run."""
     try:
         return Ranks()
     except ImportError as error:

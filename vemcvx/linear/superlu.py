@@ -20,7 +20,7 @@ class SuperLU(LinearSolver):
     Attributes
     ----------
     largest_in_space : int
-        In space, this solver is the default up to this number of unknowns, for which the factors take 8 GB.
+        The largest number of unknowns for which SuperLU is the default in space. The factors then take 8 GB.
 
     Examples
     --------
@@ -42,14 +42,13 @@ class SuperLU(LinearSolver):
 
 
 class SuperLUFactor(Factor):
-    """Factors of K, in a given order or by minimum degree; `schur` is the Schur complement of the last m unknowns."""
+    """Factors of K, and the Schur complement `schur` of the last m unknowns."""
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # In symmetric mode, pivots stay on the diagonal, which halves the time. Without equilibration, scaling K by a
-        # power of two scales the factors exactly.
+        # Symmetric mode halves the time. Without equilibration, a power of two in K scales the factors exactly.
         options = {"SymmetricMode": True, "Equil": False}
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)
@@ -58,11 +57,10 @@ class SuperLUFactor(Factor):
         self.schur = self._schur_complement(m)
 
     def _schur_complement(self, m: int) -> Floats:
-        """Return L_cc U_cc for the last m unknowns c; raise SceneError if K is not positive definite.
+        """Return the Schur complement L_cc U_cc of the last m unknowns c, or raise SceneError.
 
-        By Sylvester's law of inertia, the pivots D of K = L D L' have the signs of the eigenvalues of K. A pivot must
-        stay on the diagonal, and exceed the rounding error of the entry K_ii. If K = A + (stiffness of k anchors), and
-        A has k kernel motions, then A is semidefinite (Haynsworth 1968).
+        By Sylvester's law of inertia, the pivots D of K = L D L' have the signs of the eigenvalues of K. So D_ii must
+        exceed the rounding error of K_ii.
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -85,7 +83,7 @@ class SuperLUFactor(Factor):
 
 def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
     """Return an elimination order (n,) of K by minimum degree."""
-    # An incomplete factorisation without fill gives the order cheaply; with a dominant diagonal it cannot fail.
+    # An incomplete factorisation without fill is cheap, and cannot fail with a dominant diagonal.
     pattern = sp.csc_matrix(K, copy=True)
     pattern.data[:] = 1.0
     dominant = pattern + K.shape[0] * sp.eye_array(K.shape[0], format="csc")
@@ -93,13 +91,13 @@ def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
 
 
 def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
-    """Return an elimination order (n,) of a symmetric matrix with this graph: both halves, then their separator.
+    """Return an elimination order (n,) of a symmetric matrix with this graph.
 
-    On each level, each part is halved along its longest axis. The separator of two halves contains the vertices of the
-    upper half with neighbours in the lower half, except vertices of earlier separators.
+    Parts are halved along the longest axis. A separator has the vertices of the upper half with neighbours in the lower
+    half.
     """
     n = len(points)
-    part = np.zeros(n, dtype=np.int64)
+    part = np.zeros(n, dtype=np.int64)  # one bit per level
     for _ in range((n // 8).bit_length()):  # Halves of smaller parts would save no fill.
         order = np.argsort(part, kind="stable")
         starts = np.flatnonzero(np.diff(part[order], prepend=-1))
@@ -109,12 +107,12 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
         axis = np.argmax(most - least, axis=1)
         along, least = points[np.arange(n), axis[number]], least[np.arange(len(axis)), axis]
         cut = along[np.lexsort((along, number))][starts + sizes // 2]
-        # Vertices at the cut join the upper half unless this would empty the lower half. `part` has one bit per level.
+        # Vertices at the cut join the upper half, unless the lower half would be empty.
         part = 2 * part + np.where((cut > least)[number], along >= cut[number], along > cut[number])
     tail, head = graph.tocoo().coords
     differ = part[tail] > part[head]
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Sort by parts; after the last part that a separator separates come the finer separators, then this separator.
+    # Each separator comes after the parts that it separates.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -1,12 +1,11 @@
-"""Refinement: local bisection of tetrahedra; global splitting of meshes with other polyhedra.
+"""Refinement in space: bisection of some tetrahedra, or splitting of all cells.
 
 *Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
 bisected in the same way, until no edge has a node inside (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
-If several edges of a cell are longest, the numbers of their nodes decide. For this decision, coinciding nodes at an
-interface have the same number, so that cells on both sides of the interface choose the same edge.
+Among longest edges of equal length, node numbers decide. Coinciding nodes at an interface count as one node.
 
-*Other cells* are split into one part per vertex. The parts have the vertices of the cell, the midpoints of its edges,
-the centroids of its faces, and its own centroid. The new faces must be plane.
+*Other cells* are split into one part per vertex. New nodes are the midpoints of edges, and the centroids of faces and
+cells. The new faces must be plane.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face of a tetrahedron, in the order of `FACES`
-ALL_DIRECTIONS = 3  # number of successive bisections: they divide the volume of a tetrahedron by 8
+ALL_DIRECTIONS = 3  # number of successive bisections, which divide the volume by 8
 
 
 def refine_mesh(mesh: Any, cells: ArrayLike | None) -> Any:
@@ -74,12 +73,12 @@ def check_tetrahedra(mesh: PolyhedralMesh, subject: str) -> None:
 
 
 class Tetrahedra(NamedTuple):
-    """Tetrahedra during bisection, with their origins."""
+    """Tetrahedra during bisection."""
 
-    corners: Ints  # (n, 4) the first three run counter-clockwise, seen from the fourth
-    parts: Ints  # (n, 4) index of the original boundary face that contains the face opposite to each corner, or -1
+    corners: Ints  # (n, 4) nodes; the first three run counter-clockwise, seen from the fourth
+    parts: Ints  # (n, 4) original boundary face that contains the face opposite to the corner, or -1
     parents: Ints  # (n,) original cell
-    cuts: Ints  # (n,) number of bisections that led from the original cell to this one
+    cuts: Ints  # (n,) number of bisections of the original cell
 
     @classmethod
     def from_mesh(cls, mesh: PolyhedralMesh) -> Tetrahedra:
@@ -95,27 +94,27 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the two local corners (n, 2) of the longest edge of each cell."""
+        """Return the longest edges (n, 2) as pairs of local corners."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
         return EDGES[np.lexsort((keys, squared))[:, -1]]
 
     def cut(self, chosen: Bools, at: Ints, middle: Ints) -> Tetrahedra:
-        """Bisect the k chosen cells: the node `middle` (k,) halves the edge between the corners `at` (k, 2)."""
+        """Bisect chosen cells at nodes `middle` on the edges `at`."""
         some, row = Tetrahedra(*(values[chosen] for values in self)), np.arange(len(at))
         halves = []
         for kept, left in (at.T, at.T[::-1]):
             corners, parts = some.corners.copy(), some.parts.copy()
             corners[row, left] = middle
-            parts[row, kept] = -1  # between the halves
+            parts[row, kept] = -1  # the face between the halves
             halves.append(Tetrahedra(corners, parts, some.parents, some.cuts + 1))
         rest = Tetrahedra(*(values[~chosen] for values in self))
         return Tetrahedra(*map(np.concatenate, zip(rest, *halves, strict=True)))
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMesh:
-    """Bisect marked cells (n_cells,) at least `cuts` times; then bisect cells until no edge has a node inside."""
+    """Bisect marked cells `cuts` times, and further cells with nodes inside edges."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():
@@ -140,7 +139,7 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMe
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the values on boundary faces, from values on the faces of all cells."""
+    """Return the values on boundary faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]

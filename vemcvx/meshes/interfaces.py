@@ -26,15 +26,15 @@ from vemcvx.meshes.polygons import (
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges (in space: faces) of one body that coincide with edges of another; each body has its own nodes there.
+    """Edges (in space: faces) of one body that coincide with edges of another body. Each body has its own nodes.
 
     Attributes
     ----------
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Nodes of edges, with the first body on the left. In space, (k, n) nodes of faces of the first body,
-        counter-clockwise seen from outside; shorter rows are padded with -1.
+        Nodes of edges, with the first body on the left. In space: nodes (k, n) of faces of the first body,
+        counter-clockwise seen from outside, padded with -1.
     partners : (k, 2) int
         The nodes of the second body that coincide with the nodes in `edges`, entry by entry.
 
@@ -52,7 +52,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Sorted pairs (m, 2) of coinciding nodes: a node of the first body, and a node of the second body."""
+        """Sorted pairs (m, 2) of coinciding nodes; the first column has nodes of the first body."""
         known = self.edges >= 0
         return np.unique(np.column_stack([self.edges[known], self.partners[known]]), axis=0)
 
@@ -60,7 +60,7 @@ class Interface:
 def check_interfaces(
     interfaces: Mapping[str, Interface] | None, n_nodes: int, dimension: int = 2
 ) -> dict[str, Interface]:
-    """Return interfaces with checked rows of node numbers, or raise MeshError."""
+    """Return checked interfaces."""
     found = {}
     wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
@@ -97,7 +97,7 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return the nodes (k, n) of the edges or faces that coincide with later ones, and the coinciding later nodes."""
+    """Return the nodes of edges or faces that occur twice, and the coinciding nodes."""
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
@@ -109,7 +109,7 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
 
 
 def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return the node in the rows `other` that coincides with each node in the rows `one`."""
+    """Return the nodes of `other` that coincide with the nodes of `one`."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -122,7 +122,7 @@ def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """Return, for each node, the first node at the same place; raise MeshError if partners lie apart."""
+    """Return, for each node, the first node at the same place."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]
@@ -136,7 +136,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
 def on_boundary(
     interfaces: Mapping[str, Interface], outlines: tuple[Ints, Ints], node_map: Ints | None = None
 ) -> dict[str, Interface]:
-    """Sort the edges or faces of interfaces as on the boundary; raise MeshError for edges that are not on it."""
+    """Return interfaces with edges or faces in the order of the boundary."""
     offsets, vertices = outlines
     found = {}
     for name, interface in interfaces.items():
@@ -167,6 +167,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the boundary positions of edges or faces; `side` (k, n) has their nodes, padded with -1."""
+    """Return the positions on the boundary of edges or faces with the nodes `side`."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -1,15 +1,15 @@
-"""Local refinement of polygonal meshes: marked cells are split; neighbours keep their shape and get hanging nodes.
+"""Local refinement of polygonal meshes: marked cells are split, and neighbours get hanging nodes.
 
 A *bend* is a vertex at which the outline of a cell is not straight. A *corner* is a bend by more than `CORNER_ANGLE`;
 in cells with fewer than three such bends, all bends are corners. A *side* is the outline between neighbouring corners.
 
-A side is *long* if the cell is a triangle, or if its length is at least `LONG_SIDE` times the diameter of the cell. A
-long side is split once: at a vertex near its midpoint if there is one, else at the midpoint of the edge in its middle.
-Short sides stay whole: splitting them would make Voronoi cells thinner and thinner.
+A side is *long* if the cell is a triangle, or if the side has at least `LONG_SIDE` times the diameter of the cell. A
+long side is split at a vertex near the midpoint of the side, or else at the midpoint of the middle edge. Short sides
+stay whole, because splitting short sides would make Voronoi cells thinner and thinner.
 
-The split points of a cell are joined to its centre; with n long sides, this gives n quadrilaterals. In triangles, they
-are joined to each other (four similar triangles). A convex cell with two split points is cut from one to the other.
-Further cells are split until unsplit cells get at most one hanging node between neighbouring bends.
+Split points are joined to the centre of the cell. The three split points of a triangle are joined to each other. A
+convex cell with two split points is cut between the two points. Further cells are split until unsplit cells get at most
+one hanging node between neighbouring bends.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Splitting(NamedTuple):
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
-    """Find the sides of all cells, and the points at which sides would be split."""
+    """Return the sides of all cells, and the points at which sides are split."""
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
     order = rotation(corner, mesh.offsets)  # each outline begins at a corner
@@ -81,7 +81,7 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """Return the lengths of edges, the angles of left turns at vertices, and a mask of bends, (n_corners,) each."""
+    """Return the lengths of edges, the left turns at vertices, and a mask of bends."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -93,13 +93,13 @@ def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
 
 
 def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
-    """Return the flags, replaced by ``otherwise`` in cells with fewer than three True flags."""
+    """Return `flags`, or `otherwise` in cells with fewer than three True flags."""
     few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
 def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
-    """Return the vertices and the edges at which long sides are split; sides begin at the positions `first`."""
+    """Return the vertices and edges at which long sides are split."""
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
     end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits
@@ -123,8 +123,8 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
     four long sides, convex    the mean of the four vertices; repeated refinement leads to parallelograms
     four sides, not convex     (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells         the centroid
-    other cells                the centroid if it is at least .1 diameters left of the lines of all edges; otherwise
-                               the centre of the largest ball to the left of the lines of all edges
+    other cells                the centroid if it is at least 0.1 diameters left of the lines of all edges, else the
+                               centre of the largest ball to the left of these lines
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
@@ -154,7 +154,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
 
 def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """Return, for each cell, a centre x (2,) and the largest r such that n . x + r <= away for all normals n."""
+    """Return centres x and largest radii r with n . x + r <= away for all normals n."""
     from scipy.optimize import linprog
 
     count = len(offsets) - 1
@@ -167,7 +167,7 @@ def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats,
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of quadrilaterals (c, 4, 2); they do not depend on the first vertex, not even by rounding."""
+    """Return the centres of quadrilaterals, rounded alike for every choice of the first vertex."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -180,10 +180,9 @@ def _middles_of_quads(x: Floats) -> Floats:
 def _children(
     outlines: tuple[Ints, Ints], begin: Bools, split: Bools, medial: Bools, centre: Ints
 ) -> tuple[Ints, Ints, Ints]:
-    """Return offsets, vertices and parents of the new cells, sorted by parent.
+    """Return the offsets, vertices and parents of the new cells.
 
-    `begin` marks vertices at which a new cell begins; `split` marks cells to be split; `medial` marks triangles with a
-    new cell between the three midpoints. `centre` is the central node of a cell, or -1.
+    A new cell begins at each vertex in `begin`. Triangles in `medial` get a new cell between the midpoints.
     """
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)
@@ -241,7 +240,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask (n_corners,) of the edges that marked cells split; equal numbers in `edge` mean the same edge."""
+    """Return a mask (n_corners,) of the edges that marked cells split."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]

@@ -1,4 +1,4 @@
-"""Energies and forces over a run, and all pictures of a history as files or as frames of a film."""
+"""Pictures of energies and forces over a run; all pictures of a history as files, and films."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def energy_ledger(history: Results, *, ax: Axes | None = None, units: Units | No
     ----------
     history, units : as for `friction_traction`
     ax : Axes, optional
-        Axes for the energies, without certificates; by default, a new figure has both.
+        Axes for the energies alone; by default, a new figure also shows the certificates.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def _energies(ax: Axes, history: Results, words: str) -> None:
 
 
 def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
-    """Draw intervals (k, 2) that contain the exact value; intervals with NaN or infinite ends are left out."""
+    """Draw the finite intervals in `between` as bars."""
     known = np.isfinite(between).all(axis=1)
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
@@ -99,24 +99,24 @@ def _certificates(ax: Axes, history: Results) -> None:
 def hysteresis_loop(
     history: Results, on: str | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the force on a driven boundary against the mean motion of this boundary, along the axis of its longest path.
+    """Draw the force on a driven boundary against the mean motion of this boundary.
 
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        The boundary; by default the boundary whose prescribed displacement has the longest path, or else the boundary
+        By default the boundary whose prescribed displacement has the longest path. If no support moves, the boundary
         of the load that changes most.
 
     Returns
     -------
     matplotlib Figure
-        The loop, with marks at its first and last instant, and bars for `history.force_bounds` on this force.
+        The loop along one axis, with marks at the first and last instant, and bars of `history.force_bounds`.
 
     Raises
     ------
     SceneError, HistoryError
-        There is no boundary of this name; or no name is given, and no support moves and no load changes.
+        There is no boundary of this name, or no driven boundary.
 
     Examples
     --------
@@ -217,12 +217,12 @@ PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool | np.b
     "forces_over_time": (forces_over_time, lambda h: _has_steps(h) and any(f.any() for f in h.resultants.values())),
     "energy_ledger": (energy_ledger, _has_steps),
 }
-"""For each picture, the function that draws it, and the condition for drawing it."""
+"""Name of a picture -> function that draws the picture, and condition for drawing."""
 SUFFIXES = ".png", ".svg", ".pdf"
 
 
 def omissions(history: Results) -> list[str]:
-    """Return the pictures of bodies in space that cannot be drawn, each with the reason."""
+    """Return the pictures in space that cannot be drawn, with reasons."""
     if _is_plane(history):
         return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)
@@ -232,7 +232,7 @@ def omissions(history: Results) -> list[str]:
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write all pictures for which a history has content; older files with the names of pictures are removed.
+    """Write all pictures of a history, and remove older files with the names of pictures.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def write_plots(
 
 
 def draw_pictures(history: Results, units: Units | None) -> dict[str, Figure]:
-    """Draw all pictures for which a history has content; return them by name."""
+    """Draw all pictures of a history, and return the figures by name."""
     return {name: draw(history, units=units) for name, (draw, shows) in PICTURES.items() if shows(history)}
 
 
@@ -306,7 +306,7 @@ def animate(
     SceneError, HistoryError
         The suffix is unknown, an argument is invalid, or the file cannot be written.
     VemcvxError
-        matplotlib, or the writer of such films, is not installed.
+        matplotlib, or ffmpeg for .mp4, is not installed.
 
     Examples
     --------
@@ -321,7 +321,7 @@ def animate(
     figure = canvas.new_figure(*size_of_page(history))
     writer = canvas.film_writer(kinds[path.suffix], rate)
     frames = _frames(history, figure, magnify=magnify, units=units)
-    # The first frame is drawn before an existing file is replaced, because wrong arguments raise errors there.
+    # Wrong arguments raise errors here, before an existing file is replaced.
     next(frames)
     try:
         with writer.saving(figure, path, 110):

@@ -1,4 +1,4 @@
-"""Numbers to quote from a run: extremes over its history, and quantities with their estimated errors."""
+"""Numbers to quote from a run: extreme values, and quantities with estimated errors."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ class Extreme:
 
 ON_CONTACT = "friction", "pressure", "pressure_recovered"  # keys of contact forces
 SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", *ON_CONTACT
-"""Keys of the extremes that may grow without limit as the mesh is refined."""
+"""Keys of extremes that may grow without limit as the mesh is refined."""
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """Return a sentence if values v_i on ever finer meshes with cell sizes h_i grow; else an empty string.
+    """Return a sentence if values grow on ever finer meshes, or else an empty string.
 
-    They grow if |v_n| > |v_i| (h_i / h_n)^.05 for the last mesh n, and the last mesh i with h_i >= 1.5 h_n.
+    Let n be the last mesh, and i the last mesh with the cell size h_i >= 1.5 h_n. The values v grow if
+    |v_n| > |v_i| (h_i / h_n)^.05.
     """
     finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
     if not finer:
@@ -51,7 +52,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Accurate to second order in the time step; to first order if slip changes direction in space, or with dashpots.
+        Accurate to second order in the time step; to first order with dashpots, or if slip in space changes direction.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh; `mesh` is NaN if the mesh cannot be refined.
     unit : str
@@ -78,12 +79,12 @@ class Quantity:
 
     @property
     def relative(self) -> float:
-        """The quotient error / |value|; 1 if only the value is zero, 0 if the error is zero, too."""
+        """The quotient error / |value|. For the value 0, it is 1, or 0 if the error is 0."""
         return self.error / (abs(self.value) or self.error or 1.0)
 
     @property
     def words(self) -> str:
-        """The value with its error, and the parts of the error."""
+        """The value and the errors in words."""
         but = f"; {self.unbounded}" if self.unbounded else ""
         if np.isnan(self.mesh):
             return f"{self.value:.6g}, estimated error of steps {self.steps:.2g}, error of the mesh unknown{but}"

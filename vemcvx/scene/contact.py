@@ -32,20 +32,19 @@ from vemcvx.scene.rows import (
 from vemcvx.scene.supports import Supports
 from vemcvx.vem.projection import tangents_of
 
-# A node on a contact boundary is a *contact node* if one of four conditions holds. (1) The node can slide along the
-# boundary. (2) The node can move along the normal. This occurs on the axis of a half model, where a support holds the
-# tangent. (3) Contact holds the normal, and a support the tangent. (4) A support or the ground drags the node against
-# friction. The reaction along the normal is a contact force if contact holds the normal, or if a support holds only the
-# normal (a moving obstacle). :mod:`.supports` defines A, H, P and the nodal reactions R.
+# A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
+# move along the normal. (3) Contact holds the normal, and a support the tangent. (4) A support or the ground drags the
+# node against friction. The reaction along the normal is a contact force if contact holds the normal, or if a support
+# holds the normal alone. :mod:`.supports` defines the matrices A, H, P and the nodal reactions R.
 Moving = Callable[[float], Floats]
-"""t -> motion (k, dim) of the ground under k rows, or its components along tangents"""
+"""t -> motion of the ground under rows, as vectors or as components along tangents"""
 
 
 class Freedom(NamedTuple):
     """The motions that supports permit at contact rows, as arrays (k,)."""
 
     slides: Bools  # True if some free unknown moves the node along the boundary
-    dragged: Bools  # True if supports hold a tangent, and the support or the ground moves along the boundary
+    dragged: Bools  # True if supports hold a tangent, and supports or the ground move
     normal_only: Bools  # True if supports hold all tangents, and the normal is free or held by contact
 
 
@@ -54,7 +53,7 @@ def _freedom(
 ) -> Freedom:
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
-    # With the rows B_i of B at contact row i, the least eigenvalue of B_i B_i' is zero if supports hold a tangent.
+    # B_i has the rows of B at contact row i. B_i B_i' is singular if supports hold a tangent.
     parts = [B[axis::per] for axis in range(per)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -79,7 +78,7 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Mark rows (k,) whose `slip` changes during `times`; without times, rows whose node or ground can move."""
+    """Return a mask of rows whose slip changes, or without times may change."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -96,18 +95,18 @@ def _find_dragged(
 
 
 def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
-    """Return rows g (k, n_u) such that -g . R is the normal contact force under nodal reactions R, or zero rows."""
+    """Return rows g such that -g . R are the normal contact forces."""
     entries, places = _match_normals(rows, supports)[1:]
     return sp.csr_matrix(sp.csr_matrix((entries, places), shape=(len(rows), len(supports.depends))) @ supports.H.T)
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask of rows whose normals are held by contact alone, and entries that select normal forces in A."""
+    """Return a mask of rows whose normal contact holds, and the entries of `_normal_reactions`."""
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
     contact = repeat_by_row(supports.given, [support.contact for support in supports.given])[holds].astype(bool)
     nodes, partners = nodes[holds], partners[holds]
-    # Match each contact row with the rows of A at its node, or at its node and partner in either order.
+    # Match contact rows with rows of A at the same node or pair of nodes.
     wanted, known = (
         pair_numbers(np.maximum(*pair), np.minimum(*pair), len(supports.points))
         for pair in ((rows.nodes, rows.partners), (nodes, partners))
@@ -116,7 +115,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
-    # Count the rows of A at the site of each contact row, and those rows of A that come from contact.
+    # Count the rows of A, and the rows of A due to contact, at the site of each contact row.
     site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
     count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
@@ -126,25 +125,25 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node, normal and kind (`_kinds`) form one term; the weight of the term is the sum of the
-# weights of these rows. The matrix of the terms is B^ over nodal values u, and B = B^ P over free unknowns.
+# Friction rows with the same node, normal and kind (`_kinds`) form one term, with the sum of the weights of these rows.
+# The terms have the matrix B^ over nodal values, and B = B^ P over free unknowns.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
-    """The norm terms of a posed scene, over all nodal values. The first `acting` terms depend on free unknowns."""
+    """The norm terms of a posed scene. The first `acting` terms depend on free unknowns."""
 
-    rows: sp.csr_matrix  # (m * (dim - 1), n_u) B^, the components along `tangents`
-    tangents: Floats  # (m, dim - 1, dim) orthonormal; a given direction in space is followed by a zero vector
+    rows: sp.csr_matrix  # (m * (dim - 1), n_u) the matrix B^ of components along `tangents`
+    tangents: Floats  # (m, dim - 1, dim) orthonormal; in space, a zero vector follows a given direction
     directed: Bools  # (m,) True if the friction has given `directions`
     frictions: Sequence[Friction]
-    gather: sp.csr_matrix  # (m, rows) sums rows to terms; rows are listed friction by friction
+    gather: sp.csr_matrix  # (m, rows) the matrix that sums rows to terms
     acting: int = 0  # number of terms that some free unknown moves
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion `ground` as vectors
-    press: sp.csr_matrix | None = None  # (rows, r) fractions of limit forces that act on rows; None without laws
+    press: sp.csr_matrix | None = None  # (rows, r) fractions of limit forces on rows; None without laws
 
     def weights(self, t: float) -> Floats:
-        """Return the given weights (m,) at the instant `t`, without weights that follow laws."""
+        """Return the weights (m,) at the instant `t`, without laws."""
         at, own = f"weights at t = {t:.6g}", self.frictions
         each = (read_weights(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
@@ -156,11 +155,11 @@ class Terms(ContactRows):
 
     @property
     def acting_rows(self) -> sp.csr_matrix:
-        """The rows of B^ of the terms that some free unknown moves."""
+        """The rows of B^ of acting terms."""
         return self.rows[: self.acting * self.block]
 
     def norms(self, supports: Supports) -> Norms | None:
-        """Return the acting terms; None if there are none."""
+        """Return the acting terms, or None."""
         m, block, ground = self.acting, self.block, self.ground
         if m == 0:
             return None
@@ -174,7 +173,7 @@ class Terms(ContactRows):
         )
 
     def immovable_terms(self, supports: Supports) -> DraggedTerms | None:
-        """Return the terms that are not acting; None if there are none."""
+        """Return the terms that are not acting, or None."""
         m, block, ground = self.acting, self.block, self.ground
         if m == len(self):
             return None
@@ -189,7 +188,7 @@ class Terms(ContactRows):
         )
 
     def law_of(self, some: slice) -> Law | None:
-        """Return the law of these terms; None if no friction has a law."""
+        """Return the common law of some terms, or None."""
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
@@ -226,7 +225,7 @@ def _friction_terms(
     times: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """Return the terms of all friction rows (the `table`) that slide, are dragged, or have `normal_only`."""
+    """Return the norm terms of the friction rows in `table`."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.tangents for f in frictions)])
@@ -257,7 +256,7 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each row: rows of one kind have one ground, and in space all or none `directions`."""
+    """Return numbers of rows, equal for rows that may form one term."""
     kinds = [(f.ground and id(f.ground.value), f.directions is not None and not f.in_plane) for f in frictions]
     return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
@@ -285,7 +284,7 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
 def warn_of_free_normals(
     frictions: Sequence[Friction], supports: Supports, obstacles: Obstacles, springs: sp.csr_matrix | None
 ) -> None:
-    """Warn if nothing holds the body along the normal of a friction boundary: a contact effect may be missing."""
+    """Warn if nothing holds the body along the normal of a friction boundary."""
     sprung = [] if springs is None else [np.flatnonzero(springs.diagonal() > 0) // supports.points.shape[1]]
     stopped = np.concatenate([obstacles.nodes, *sprung, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
@@ -305,7 +304,7 @@ def warn_of_free_normals(
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The contact nodes, ascending, one row per node; the normal of a corner node is the mean of its normals."""
+    """The contact nodes in ascending order. Corner nodes have mean normals."""
 
     normal_reaction: sp.csr_matrix  # (m, n_u) rows g: the normal contact forces are -g . R for nodal reactions R
 
@@ -313,7 +312,7 @@ class Surface(ContactRows):
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact nodes of the table; `moves` is True for rows on moving ground."""
+    """Return the contact nodes of the table."""
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
     held = _freedom(every, tangents_of(every.normals), supports, times)
@@ -330,21 +329,21 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# Rigid obstacles with the same node and normal form one limit, whose gap is the least of their gaps. Each row of a
+# Rows of rigid obstacles with the same node and normal form one limit, with the least gap of these rows. Each row of a
 # compliant obstacle is a separate limit.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene, one per row."""
 
-    rows: sp.csr_matrix  # (r, n_u) the matrix D^ of displacements, or jumps, along unit normals
+    rows: sp.csr_matrix  # (r, n_u) the matrix D^ of displacements (at interfaces: jumps) along normals
     compliance: Floats
     rates: Bools  # (r,) limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # descriptions of the obstacles, for messages
-    prescribed: Obstacles | None = None  # rows of obstacles whose normal displacement supports prescribe
+    prescribed: Obstacles | None = None  # rows whose normal displacements are prescribed by supports
 
     def limits(self, supports: Supports) -> Limits | None:
-        """Return the limits over the free unknowns; None if there are none."""
+        """Return the limits over the free unknowns, or None."""
         if len(self) == 0:
             return None
         return Limits(
@@ -363,7 +362,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     every = table.merge(first, limit)
     rows = every.normal_rows(points)
     moves = np.diff(supports.on_free(rows).indptr) > 0
-    # Gaps are differences of rounded coordinates: a negative gap of at most this size counts as zero.
+    # Negative gaps of this size are rounding errors of coordinates, and count as zero.
     rounding = 4 * EPS * float(np.abs(points).max())
 
     def select(chosen: Ints) -> Obstacles:
@@ -388,7 +387,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the matrix from forces of limits (r,) to the pressures that the laws of friction rows read."""
+    """Return the matrix that maps forces of limits to forces on friction rows."""
     if all(f.law is None for f in frictions):
         return None
     reads = repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
@@ -405,7 +404,7 @@ def _pressures(
 
 
 def find_missing_contact(interfaces: Mapping[str, Interface], parts: Sequence[ContactSurface | Support]) -> list[str]:
-    """Return a warning for each interface on which no part connects the two bodies."""
+    """Return a warning for each interface without contact."""
     nodes, partners = pairs_of(parts)
     met = nodes[partners >= 0]
     return [

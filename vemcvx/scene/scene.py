@@ -1,4 +1,4 @@
-"""A scene: the effects to simulate, independent of any mesh, and the composition of its materials into one body."""
+"""A scene: the effects to simulate, independent of any mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vemcvx.vem.tensors import upper_triangle
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body; raise SceneError unless each cell has one, and `plane` is the same."""
+    """Return one material for the whole body, composed of materials of its cells."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -70,12 +70,12 @@ def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
 
 @dataclass(frozen=True)
 class InitialStresses:
-    """The stresses sigma_0 in sigma = C eps(u) + sigma_0, and the load -sum_K |K| sigma_0 : eps(Pi v)."""
+    """The stresses sigma_0 in sigma = C eps(u) + sigma_0, and the load due to sigma_0."""
 
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix  # (n_u, components n_cells): stresses of all cells -> minus the load
+    matrix: sp.csr_matrix  # (n_u, components * n_cells) the map from stresses of cells to minus the load
 
     def stress(self, t: float) -> Floats:
         """Return sigma_0 (n_cells, components) at the instant `t`."""
@@ -88,7 +88,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """Return the stress zz (n_cells,) that eigenstrains cause in a plane body; None for other bodies."""
+        """Return the stress zz (n_cells,) due to eigenstrains, or None."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
@@ -100,13 +100,13 @@ class InitialStresses:
         """Return the nodal forces (n_u,) at the instant `t`."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # Where stresses balance, forces are zero: rounding errors would violate condition (2.1) on initial states.
+        # Rounding errors of balanced stresses would violate condition (2.1) on initial states.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
 
 def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
-    """Return the initial stresses of all contributions; None if there are none."""
+    """Return the initial stresses of all contributions, or None."""
     strains, stresses = (
         tuple(x for part in parts for x in getattr(part, name)) for name in ("eigenstrains", "initial_stresses")
     )
@@ -114,7 +114,7 @@ def initial_stresses(parts: Sequence[Contribution], material: Material, space: S
 
 
 def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
-    """Return each effect with its contribution; in planes of symmetry, contact has the normals of the whole body."""
+    """Return each effect with its contribution."""
     parts = [(effect, effect.contribute(space)) for effect in effects]
     planes = [
         support for effect, part in parts if isinstance(effect, (Symmetry, MaterialLaw)) for support in part.supports
@@ -122,7 +122,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     if not planes:
         return parts
     mirrors = _spans(np.concatenate([s.nodes for s in planes]), np.concatenate([s.directions for s in planes]))
-    mirrored = replace(space, mirrors=mirrors)
+    mirrored = replace(space, mirrors=mirrors)  # contact then has the normals of the whole body
     return [(effect, effect.contribute(mirrored) if _acts_in_contact(part) else part) for effect, part in parts]
 
 
@@ -132,11 +132,11 @@ def _acts_in_contact(part: Contribution) -> bool:
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
-    """Return for each node the orthogonal projection onto the span of its directions."""
+    """Return the projection onto the span of directions at each node."""
     each, place = np.unique(nodes, return_inverse=True)
     squares = np.zeros((len(each), directions.shape[1], directions.shape[1]))
     np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
-    # Two directions at an angle phi give the eigenvalues 1 - cos(phi), which is about phi^2 / 2, and 1 + cos(phi).
+    # Two directions at a small angle phi give the eigenvalue 1 - cos(phi), about phi^2 / 2.
     sizes, axes = np.linalg.eigh(squares)
     axes = axes * (sizes > 0.5 * DIRECTION_TOLERANCE**2)[:, None, :]
     return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
@@ -148,7 +148,7 @@ Datum = Callable[[float], Floats]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Return the contributions without frictions that are zero at `times`, and a sentence for each omitted friction."""
+    """Return the contributions, and notes on frictions left out because they are zero."""
     found, notes = list[Contribution](), list[str]()
 
     def shorten(datum: Any) -> Any:
@@ -170,13 +170,13 @@ def active_parts(
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time that is zero in rows without friction, whatever the pressure."""
+    """Return a function of time that is zero if no pressure causes friction."""
     law, m = friction.law, len(friction.nodes)
     if law is None:
         return friction.weights
     if law.slips:
         return lambda t: np.ones(1)  # Weights that depend on slip are not known beforehand.
-    # At a contact force of 1e100, a law that depends on pressure gives positive weights in any units.
+    # Under a force of 1e100, weights that depend on pressure are positive in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
@@ -188,12 +188,12 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects in any order, for every mesh that has the named boundaries.
+    """A set of effects, for every mesh with the named boundaries.
 
     Parameters
     ----------
     *effects : Effect
-        A simulation needs a material. Several materials name their cells by `on`; every cell has exactly one material.
+        A simulation needs exactly one material for every cell. Several materials select cells by `on`.
 
     Raises
     ------
@@ -227,7 +227,7 @@ class Scene:
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True if the body is a body of revolution: a material has plane="axisymmetric"."""
+        """True for a body of revolution, with plane="axisymmetric"."""
         planes = [getattr(x, "plane", None) for x in self.effects if isinstance(x, MaterialLaw)]
         return any(isinstance(plane, str) and plane == REVOLVED for plane in planes)
 
@@ -260,7 +260,7 @@ def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
 
 def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
     settings = list(vars(effect).values())
-    # Functions are ordered by their place in the source, and at the same place by their address in memory.
+    # Functions are sorted by place in the source, then by address in memory.
     return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
 
 

@@ -1,8 +1,7 @@
-"""The weights w of norm terms in one step: constants, or a law w(p, |s|) of the forces p of limits and the slips s.
+"""The weights w of norm terms in one step: constants, or a law w(p, |s|) with the forces p of limits and the slips s.
 
-A law may define its *slope* J = dw/dp. If w depends on the slip of the step, dw/d|s| is computed by differences. A
-step under a law is one set-valued equation. A solution with forces p* and slips s* also solves the convex program with
-the constant weights w(p*, |s*|).
+A law may define its *slope* J = dw/dp, while dw/d|s| is computed by differences. A solution of a step, with forces p*
+and slips s*, also solves the convex program with the constant weights w(p*, |s*|).
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ RELATIVE_STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """The weights of norm terms in one step, as functions of the forces of limits and the slips in the step."""
+    """The weights of norm terms in one step."""
 
     w: Floats  # (m,) constant weights, as in Tresca's law
-    norms: Norms | None = None  # terms whose law replaces the constants
+    norms: Norms | None = None  # terms with a law; None for constant weights
     t: float = 0.0
     past: Floats = field(default_factory=lambda: np.zeros(0))  # (m,) slips before the step
     k: float = 0.0  # the length of the step
@@ -40,12 +39,12 @@ class Weights:
 
     @property
     def is_monotone(self) -> bool:
-        """True if weights do not depend on p, and do not fall as slips grow: the step is then a convex program."""
+        """True if the step is a convex program: weights neither depend on p nor fall with slip."""
         return self.norms is None or self.norms.is_monotone
 
     @property
     def reads_slip(self) -> bool:
-        """True if weights may depend on the slip of the step. A law with a slope must not depend on it."""
+        """True for laws of slip without a slope: weights may depend on the slip of the step."""
         return self.norms is not None and self.norms.rule.slips and self.norms.rule.slope is None
 
     def at(self, p: Floats, slip: Floats) -> Floats:
@@ -58,7 +57,7 @@ class Weights:
         return w / self.term_units
 
     def _measure(self, slip: Floats) -> Floats:
-        """Return slips (m,) in the step, or their rates if weights use rates; rates are zero at the initial instant."""
+        """Return slips, or slip rates for laws of rates."""
         if self.norms is None or not self.norms.rule.rates:
             return slip
         return slip / self.k if self.k > 0.0 else np.zeros_like(slip)
@@ -77,7 +76,7 @@ class Weights:
         return None, (self.at(p, slip + more) - self.at(p, slip)) / more
 
     def check_slip(self, p: Floats, slip: Floats) -> None:
-        """Raise SceneError if weights fall faster with slip than `softening`, or a law with a slope depends on slip."""
+        """Raise SceneError if weights contradict the `softening` or the slope of the law."""
         norms = self.norms
         if norms is None or not norms.rule.slips or (norms.softening is None and norms.rule.slope is None):
             return
@@ -116,7 +115,7 @@ def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance
         r = low + (high - low) * np.clip(part, 0.0, 1.0)
         error = law.at(p, r) + shift * r - size
         under = error <= 0.0
-        # If an end of the bracket stayed in two rounds, halve the value at this end (the Illinois rule).
+        # Illinois rule: if an end of the bracket stayed in two rounds, halve the value there.
         share, last = np.where(under == last, 0.5, 1.0), under
         above, below = np.where(under, share * above, error), np.where(under, error, share * below)
         low, high = np.where(under, r, low), np.where(under, high, r)

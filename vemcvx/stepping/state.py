@@ -1,26 +1,27 @@
-"""The data of a run and of an instant, the state after a step, and the ledger of energies of the state.
+"""The data of a run, the state after a step, and the ledger of energies of the state.
 
-The displacement u = P y + u_D(t) has the unknowns y and the part u_D that supports prescribe. The letter d marks the
-change of a quantity in a step, and n its value at the end of the step. Norm terms have the slips s_i, weights w_i and
-forces lam_i. Limits D^u <= e have the forces p, the compliances c and, at y = 0, the gaps g = e - D^u_D. The slip that
-supports and the ground cause at y = 0 is h. The ledger of a step has
+The displacement u = P y + u_D(t) has the unknowns y and the part u_D that supports prescribe. The elastic form a(u, v)
+has the matrix A. In a step, d marks the change of a quantity, and n marks the value at the end. Norm terms have the
+slips s_i, weights w_i and forces lam_i. Limits D^u <= e have the forces p, the compliances c and the gaps g = e - D^u_D
+at y = 0. Supports and the ground cause the slip h at y = 0. The ledger of a step has
 
-energy E = 1/2 a(u, u);  soft limits add c p^2 / 2
+energy E = 1/2 a(u, u) + (c p^2 / 2 of soft limits)
 work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg,  where the load excludes the Dirichlet force
-loss     = sum_i lam_i . s_i, the work of friction, stored for each term; at a solution the sum of w_i |s_i|
+loss     = sum_i lam_i . s_i, the work of friction; at a solution the sum of w_i |s_i|
 
-If the answer is balanced, work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2) with z = D^u - e.
+In equilibrium, work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2) with z = D^u - e.
 
-Contact nodes whose motion supports prescribe are not in the program. They have the slip s = dh, and add w |s| to the
-loss and to the work of the supports. In a step of length k, dashpots with the form b(u', v) dissipate b(du, du) / k,
-and supports that move against dashpots do the work b(du, du_D) / k.
+A contact node whose whole motion is prescribed is not in the program. It has the slip s = dh, and adds w |s| to loss
+and work. In a step of length k, dashpots with the form b(u', v) dissipate b(du, du) / k, and supports that move against
+dashpots do the work b(du, du_D) / k.
 
-The errors of loss and work are of first order in the length of steps. Of second order are the errors of
+Loss and work are accurate to first order in the step length. Accurate to second order are
 
-    loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss.
+    loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss
 
-If supports move a body far and strain it little, the terms of the energy cancel. So a state is split: u = u_m + P q,
-where u_m is the response to the supports alone. With K = P'A P, the matrix A of a(u, v), and m = P'A u_D,
+with the weights w_i,prev at the beginning of the step, and the energy E_0 at the beginning of the run. If supports move
+a body far, large terms of E cancel. So u is split into u_m + P q, where u_m is the response to the supports alone. With
+K = P'A P and m = P'A u_D,
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
@@ -58,7 +59,7 @@ SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 
 
 def check_norm(norm: float, t: float) -> float:
-    """Return the energy norm of a step's data; raise SceneError if it is out of range."""
+    """Return the energy norm `norm`, or raise SceneError if it is out of range."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
@@ -82,7 +83,7 @@ class StepData:
 
     @classmethod
     def evaluate(cls, condensation: Condensation, t: float) -> StepData:
-        """Evaluate load and supports at `t`; raise SceneError if the energy of their response overflows."""
+        """Return the data at the instant `t`."""
         system, motion = condensation.system, condensation.system.motion
         force = condensation.reduce(system.force(t), "load")
         if not force.norm <= LARGEST_NORM:
@@ -97,7 +98,7 @@ class StepData:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The condensed system and the prepared solver of all steps of one length."""
+    """The condensed system and the solver for steps of one length."""
 
     condensation: Condensation
     solver: Solver
@@ -136,7 +137,7 @@ class PreparedRun:
         return self.operators.count + (0 if self.system.dragged is None else self.system.dragged.count)
 
     def frame(self, k: float) -> Frame:
-        """Return the frame of steps of length k, with K + C / k in place of K."""
+        """Return the frame for steps of length k."""
         system, key = self.system, f"{k:.11e}"
         if not system.is_viscous or k == 0.0:
             return self.elastic
@@ -158,8 +159,8 @@ class Ledger:
     energy: float = 0.0
     dissipated: float = 0.0
     work: float = 0.0
-    worn: Floats  # (terms,) cumulative lam_i . s_i of each term; without damping they sum to `dissipated`
-    slipped: Floats  # (terms,) cumulative |s_i|, an argument of laws of friction
+    worn: Floats  # (terms,) cumulative lam_i . s_i
+    slipped: Floats  # (terms,) cumulative |s_i|
     dissipated_second_order: float = 0.0
     worn_second_order: Floats  # (terms,) `worn` by the trapezoidal rule
 
@@ -171,14 +172,14 @@ class Ledger:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """The state at an instant. Its terms are the m norm terms of the program, then the terms dragged by supports."""
+    """The state at an instant. Dragged terms follow the m norm terms of the program."""
 
     t: float
     y: Floats  # the stored unknowns
-    unbalanced: Floats  # load - K y on the stored unknowns: the force that norm terms, limits and dashpots balance
+    unbalanced: Floats  # load - K y, the force that norm terms, limits and dashpots balance
     data: StepData
     weights: Floats  # (terms,) weights of the step that ended here
-    bound: Floats  # (terms,) weights for the accumulated slips at the end of the step, if laws read slips
+    bound: Floats  # (terms,) weights under the slips at the end of the step
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the step that ended here
@@ -189,7 +190,7 @@ class State:
     size: float = 0.0  # largest energy norm that the data so far could cause
     iterations: int = 0
     status: str = ""  # status of the solver
-    full: Floats | None = None  # (n,) all unknowns, after they are recovered and certified
+    full: Floats | None = None  # (n,) all unknowns; None before certification in full
     velocity: Floats | None = None  # (n,) increments divided by the length of the step, in runs with damping
     earlier: tuple[float, Floats, Floats] | None = None  # t, lam and p at the beginning of the step
 
@@ -201,7 +202,7 @@ class State:
         return self.full
 
     def predict_multipliers(self, t: float, m: int) -> tuple[Floats, Floats]:
-        """Return lam of the first m terms and p, extrapolated linearly in time to the next instant `t`."""
+        """Return lam (m terms) and p, extrapolated linearly to the next instant `t`."""
         before, lam, p = self.earlier or (self.t, self.lam, self.p), self.lam, self.p
         share = min(1.0, (t - self.t) / (self.t - before[0])) if before[0] < self.t else 0.0
         if share > 0.0:
@@ -214,7 +215,7 @@ class State:
 
 
 def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
-    """Return states with recovered interior unknowns, and with certificates of the full system."""
+    """Return states with all unknowns and with certificates of the full system."""
     if not states:
         return []
     condensation, system, accuracy, m = run.condensation, run.system, run.solver.accuracy, run.operators.count
@@ -247,7 +248,7 @@ def certify_together(run: PreparedRun, states: Sequence[State]) -> list[State]:
 
 
 def certify_in_full(run: PreparedRun, state: State) -> State:
-    """Return a state with all its unknowns and the certificate of the full system."""
+    """Return a state with all unknowns and the certificate of the full system."""
     return certify_together(run, [state])[0] if state.full is None else state
 
 
@@ -265,13 +266,13 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
 
 
 def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
-    """Return a(u_m, P z) for a motion z of the retained unknowns; zero without anchors."""
+    """Return a(u_m, P z) for a motion z of the retained unknowns."""
     anchor = condensation.anchor
     return 0.0 if anchor is None else float(z @ (anchor * push.released))
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
-    """Return the ledger after a step with increments d; supports and ground cause the slips `given`."""
+    """Return the ledger after a step with dy = d and dh = given."""
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
     lost, work = dashpot_losses(condensation.system, d, last.t, now.t)
@@ -293,7 +294,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
         work=past.work + work,
         worn=past.worn + loss,
         slipped=past.slipped + lengths(after.slip),
-        # The loss of dashpots uses the mean rate of the step, so that it is of second order.
+        # The loss of dashpots is of second order, because it uses the mean rate.
         dissipated_second_order=past.dissipated_second_order + float(between.sum()) + lost,
         worn_second_order=past.worn_second_order + between,
     )
@@ -307,14 +308,14 @@ def losses(before: State, after: State) -> tuple[Floats, Floats]:
     # Take loss / w for |s|, except where w is zero.
     size = np.divide(loss, w, out=lengths(after.slip).copy(), where=w > 0)
     mean = 0.5 * (before.bound + after.bound)
-    # A term with an infinite weight at either end of the step has no mean weight: keep its loss.
+    # A term with an infinite weight has no mean weight: keep lam . s.
     return loss, np.maximum(np.multiply(mean, size, out=loss.copy(), where=mean < np.inf), 0.0)
 
 
 def evaluate_dragged(
     system: System, span: tuple[float, float], p: Floats, past: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the multipliers, slips and weights of dragged terms in the step between the two instants of `span`."""
+    """Return the multipliers, slips and weights of dragged terms in a step."""
     terms, (s, t) = system.dragged, span
     if terms is None:
         return np.zeros((0, system.block)), np.zeros((0, system.block)), np.zeros(0)
@@ -326,7 +327,7 @@ def evaluate_dragged(
 
 
 def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float, float]:
-    """Return the loss of dashpots between two instants, and the work of supports that move against dashpots."""
+    """Return the loss of dashpots, and the work of supports against dashpots."""
     damping, k = system.damping, t - s
     if damping is None or k == 0.0:
         return 0.0, 0.0
@@ -339,7 +340,7 @@ def dashpot_losses(system: System, d: Floats, s: float, t: float) -> tuple[float
 
 
 def make_given_state(run: PreparedRun, now: StepData, y: Floats, past: Ledger | None = None) -> State:
-    """Return the state with unknowns y (n,) and no friction forces; `past` has the slips and losses so far."""
+    """Return the state with unknowns y (n,) and without friction forces."""
     system, operators, kept = run.system, run.operators, y[run.condensation.retained]
     none, zeros, m = np.zeros(len(operators.compliance)), np.zeros(run.terms), operators.count
     past = past or Ledger(worn=zeros, slipped=zeros, worn_second_order=zeros)

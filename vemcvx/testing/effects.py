@@ -35,14 +35,14 @@ from vemcvx.simulation import simulate
 from vemcvx.vem import Space
 
 IN_CELLS = MaterialLaw, BodyForce, Prestress, ThermalStrain
-"""Effects whose `on` selects cells by cell data, instead of boundaries."""
+"""Effects whose `on` selects cells by cell data."""
 
 TIMES = np.array([0.0, 0.4, 1.0])
 
 
 @dataclass(frozen=True)
 class EffectSample:
-    """An effect, and a scene that the effect changes, on a mesh of the unit square or of the unit cube.
+    """An effect, and a scene that the effect changes, in the unit square or the unit cube.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class EffectSample:
     beside : tuple of Effect
         The other effects of the scene.
     instead : tuple of Effect
-        The effects that replace the tested effect when it is left out.
+        The effects that replace the tested effect in the scene without this effect.
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer. A value that needs further changes is given as a Scene
-        of effects that replace the effect. None means that the field only states a property of another field.
+        For every field, another value that changes the answer, or a Scene of effects that replace the effect. None if
+        the field states a property of another field.
     in_space : bool
         True for the unit cube.
 
@@ -92,7 +92,7 @@ class EffectSample:
 
     @property
     def on(self) -> list[str] | None:
-        """The boundaries on which the effect acts; None if it acts on none."""
+        """The boundaries on which the effect acts, or None."""
         effect: Any = self.effect
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, IN_CELLS) else None
 
@@ -119,7 +119,7 @@ def mesh(family: str = "squares", n: int = 3) -> Mesh:
 
 
 def content(thing: Any, rows: int = 1) -> Any:
-    """Return a contribution as plain data that can be compared; functions become values at some instants."""
+    """Return a contribution as plain data that can be compared."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         names = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -134,7 +134,7 @@ def content(thing: Any, rows: int = 1) -> Any:
     if isinstance(thing, tuple):
         return tuple(content(part, rows) for part in thing)
     if callable(thing):
-        # Functions of friction also take forces and slips, arrays of the length `rows`.
+        # Functions of friction also take forces and slips (rows,).
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
         return tuple(content(thing(t, *more)) for t in TIMES)
     return thing
@@ -191,7 +191,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
 
 
 def has_the_slope_of_its_law(sample: EffectSample) -> None:
-    """Compare the slope of a law with difference quotients; a wrong slope invalidates bounds."""
+    """Compare the slope of a law with difference quotients."""
     for friction in sample.effect.contribute(Space(sample.mesh(2))).frictions:
         m = len(friction.nodes)
         past, none = np.linspace(0.0, 1.0, m), np.zeros(m)

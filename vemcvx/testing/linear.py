@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs. Solvers without elimination, which may be inexact, run only `EASY`."""
+"""Systems for the comparison of runs. Solvers without elimination run `EASY`."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -53,7 +53,7 @@ def _random(*shape: int) -> Floats:
 
 
 def solves(linear: LinearSolver) -> None:
-    """Check solutions, and energies that lie between b'K^{-1}b and 2 b'K^{-1}b."""
+    """Check solutions, and energies up to a factor of two."""
     K, factor = _factor(linear)
     x = _random(K.shape[0], 2)
     # Inexact solvers stop at relative residuals of 1e-12.
@@ -92,7 +92,7 @@ def runs_agree_within_their_certificates(kind: str, linear: LinearSolver) -> Non
 
 
 def gives_the_schur_complement(linear: LinearSolver) -> None:
-    """Check that the Schur complement S of a set c of unknowns satisfies S (K^{-1})_cc = I."""
+    """Check that S (K^{-1})_cc = I for the Schur complement S of unknowns c."""
     system, chain = KINDS["friction"](), sp.diags_array([-1.0, 2.5, -1.0], offsets=[-1, 0, 1], shape=(20, 20))
     n, order, mixed = system.n, system.elimination_order(), np.random.default_rng(7).permutation(system.n)
     assert order is not None
@@ -143,7 +143,7 @@ ELIMINATION_PROPERTIES: list[Property] = [
 
 
 def linear_properties(linear: LinearSolver) -> Iterator[tuple[str, Property]]:
-    """Yield the properties that a linear solver must satisfy, with their names."""
+    """Yield the name and the check of each property of linear solvers."""
     for check in PROPERTIES + ELIMINATION_PROPERTIES * linear.eliminates:
         yield check.__name__, check
     for kind in KINDS if linear.eliminates else EASY:

@@ -1,4 +1,4 @@
-"""Mesh files of four formats. VTU files can hold any mesh; files of Gmsh, Abaqus and Nastran are only read."""
+"""Mesh files. VTU files are read and written; files of Gmsh, Abaqus and Nastran are read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
 BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
 BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
-"""Suffix -> the groups of cells that bodies='physical' makes bodies. VTU files, which store interfaces, have none."""
+"""Suffix -> groups of cells that become bodies with bodies='physical'."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 

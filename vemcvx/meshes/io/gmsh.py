@@ -1,6 +1,6 @@
-"""Gmsh files, .msh: meshio reads points and cells; we read physical groups.
+"""Gmsh files, .msh: meshio reads points and cells, and we read physical groups.
 
-meshio keeps one group per name and one per geometrical entity, and fails if an entity is in no group (Mesh.SaveAll).
+meshio loses groups that share a name or an entity, and fails at entities without a group (Mesh.SaveAll).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _without(data: bytes, section: bytes) -> tuple[bytes, bytes]:
 
 
 def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Mapping[Group, list[int]]:
-    """Return the numbers of the physical groups of each geometrical entity (dimension, number)."""
+    """Return the physical groups of geometrical entities (dimension, number)."""
     words, at = [] if binary else section.split(), 0
 
     def take(kind: str, count: int) -> list[Any]:
@@ -85,7 +85,7 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
         for _ in range(count):
             (tag,) = take("i4", 1)
             take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the bounding box
-            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # reversed groups: negative
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative: reversed
             if dim:
                 take("i4", take(size, 1)[0])  # the bounding entities
     return groups

@@ -1,7 +1,7 @@
-"""Reading and writing of VTK files of unstructured grids, .vtu.
+"""VTK files of unstructured grids, .vtu.
 
-We do not use the reader of meshio: it permutes polygons, cannot read polyhedra together with other cells, and rejects
-the versions that ParaView and PyVista write today.
+The reader of meshio permutes polygons, cannot read polyhedra together with other cells, and rejects files of today's
+ParaView and PyVista.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DAMAGED = "its lists of {} are damaged: offsets do not increase, or exceed the l
 
 
 def read_vtu(data: bytes) -> Grid:
-    """Read the grid of a VTU file; if it is damaged, errors of XML and NumPy are raised, too."""
+    """Read the grid of a VTU file. Damaged files also raise errors of XML and NumPy."""
     head, _, appended = data.partition(b"<AppendedData")
     root = ElementTree.fromstring(head + b"</VTKFile>" if appended else head)
     pieces = root.findall("UnstructuredGrid/Piece")
@@ -67,7 +67,7 @@ def read_vtu(data: bytes) -> Grid:
 
 
 def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """Add to a grid the parts of the boundary in fields "boundary:<name>": rows of nodes, padded with -1."""
+    """Add the parts of the boundary in fields "boundary:<name>" to a grid."""
     for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
         rows = values if values.ndim == 2 else values.reshape(-1, 2)
         if rows.dtype.kind not in "iu":
@@ -99,7 +99,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
 
 
 def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Unpack an array; `data` begin with the number of bytes or, with a compressor, the sizes of blocks."""
+    """Return the bytes of an array."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])
@@ -112,14 +112,14 @@ def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
 
 def _offsets(ends: Ints, room: int, what: str) -> Ints:
     offsets = np.concatenate([[0], ends])
-    # we compare offsets, because their differences may overflow
+    # differences of offsets may overflow
     if (offsets[1:] < offsets[:-1]).any() or offsets[-1] > room:
         raise MeshError(DAMAGED.format(what))
     return offsets
 
 
 def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
-    """Return the faces of polyhedra; VTK 9.4 and later store rows of nodes, earlier versions one stream of numbers."""
+    """Return the faces of polyhedra, from arrays of VTK 9.4 or of earlier versions."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
@@ -140,18 +140,18 @@ def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
 
 
 def pack_cells(mesh: Any) -> ElementTree.Element:
-    """Pack the points and cells of a mesh; the result serves several files with different data."""
+    """Return the points and cells of a mesh as XML."""
     return _pack_grid(grid_of(mesh, polyhedra=True, sides=False, data=False))
 
 
 def write_cells(path: Path, packed: ElementTree.Element, point_data: Arrays, cell_data: Arrays) -> None:
-    """Write fields on a mesh, with one row per node or cell, as a .vtu file; raise MeshError on failure."""
+    """Write packed cells and data as a VTU file."""
     with translate_errors(str(path), "cannot be written"):
         _write(path, packed, point_data, cell_data)
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid as a VTU file, with its named sets of cells as data."""
+    """Write a grid as a VTU file, with named sets of cells as data."""
     marks = {MARK + name: chosen.astype(np.uint8) for name, chosen in grid.sets.items()}
     _write(path, _pack_grid(grid), {}, grid.data | marks)
 
@@ -160,7 +160,7 @@ def _pack_grid(grid: Grid) -> ElementTree.Element:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # VTK's stream has for each cell the number of faces, then for each face the number of nodes and the nodes.
+        # for each cell: number of faces; for each face: number of nodes, nodes
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]

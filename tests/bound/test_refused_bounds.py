@@ -42,6 +42,11 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
             (STEEL, vx.BilateralContact(on="top"), Rubs(1.0)),
             "no estimate for Rubs, whose edges are not known: .* by ends=",
         ),
+        # Between nodes the smaller of two gaps has a corner: without the refusal, the bound would be below the error.
+        (
+            (STEEL, *(vx.UnilateralContact("top", lambda x, t, k=k: 0.1 + abs(k - x[:, 0])) for k in (0, 1))),
+            "if UnilateralContact on top and another obstacle of the same kind act on the same edge",
+        ),
         # All nodes are held, so that no cell is strained: without the refusal, the bound would be a ninth of the error.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],

@@ -118,7 +118,8 @@ class Reader:
     def local_errors(self, now: Instant, means: Floats) -> Floats:
         """Return energies (b,) of (tractions - `means`), (friction bounds - interpolants) and (gaps - interpolants)."""
         edges, shear, squares = self.edges, self.edges.shear[self.edges.outer], np.zeros(len(self.edges.outer))
-        squares += np.mean(np.sum((self._tractions(now.t) - means[:, None]) ** 2, axis=2), axis=1)
+        tractions = self._tractions(now.t)
+        squares += np.mean(np.sum(_remove_rounding(tractions, tractions - means[:, None]) ** 2, axis=2), axis=1)
         for friction in (one for one in self.frictions if one.law is None):
             at, bound, line = self.fine.read(friction, (friction.weights(now.t) / friction.lengths)[:, None])
             squares += totals(self.fine.owner[at], (bound - line)[:, 0] ** 2 / PIECES, len(squares))

@@ -284,12 +284,12 @@ class Boundary:
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):
             read = fine.tips(obstacle, obstacle.gap(t)[:, None])[..., 0]
             known = np.isfinite(read)
-            if compliant and (stiffness[known] > 0).any():
+            if np.isfinite(distance[known]).any():
                 raise SceneError(
-                    f"error_bound: there is no bound if {obstacle.subject} and another compliant obstacle act on the "
-                    "same edge; give each its own part of the boundary, or one NormalCompliance for both."
+                    f"error_bound: there is no bound if {obstacle.subject} and another obstacle of the same kind act "
+                    "on the same edge; give each its own part of the boundary, or one effect for both."
                 )
-            distance[known] = np.minimum(distance[known], read[known])
+            distance[known] = read[known]
             if compliant:
                 stiffness[known] = fine.tips(obstacle, stiffness_of(obstacle)[:, None])[..., 0][known]
         distance[~self._moves(self.edges.units)] = np.inf

@@ -165,3 +165,9 @@ def test_a_settled_column_has_its_energy_to_twelve_digits(condense):
     assert history.energy == pytest.approx([0.01, 0.01], rel=1e-12)
     assert history.certificate.max() < 1e-12
     assert vx.error_budget(history).space.max() < 1e-12
+
+
+def test_displacements_of_nodes_need_one_column_per_motion():
+    for wrong in (np.ones((3, 2)), np.ones(3)):
+        with pytest.raises(vx.SceneError, match=r"Kernel: found moved of shape .* for 1 motions"):
+            Kernel(np.ones((2, 1)), ("all",), moved=wrong)

@@ -76,6 +76,8 @@ class Kernel:
         object.__setattr__(self, "names", tuple(names))
         if self.moved is not None:
             moved = as_real_array(self.moved, "Kernel: moved", "displacements, one column per motion")
+            if moved.ndim < 2 or moved.shape[-1] != modes.shape[1]:
+                raise SceneError(f"Kernel: found moved of shape {moved.shape} for {modes.shape[1]} motions.")
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
 
     def reach(self, c: Floats) -> float:

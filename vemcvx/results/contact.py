@@ -58,7 +58,7 @@ class Contact(ArrayRecord):
     accumulated_slip : (S, m)
         Length of the path of slip, to and fro, since the initial instant.
     closed : (S, m) bool
-        True where the node touches its obstacle along at least one of its normals; always True in bilateral contact.
+        True where the node touches an obstacle along at least one of its normals; True at nodes without obstacles.
     lengths, friction_lengths : (m,)
         Integrals of the node's hat function over the edges of contact, and over the edges with friction.
 

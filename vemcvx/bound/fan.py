@@ -1,13 +1,14 @@
 """The fan of a star-shaped polygon: triangles around a centre. Each triangle is split at its centroid (Alfeld).
 
 Let c be the centre and x_i the vertices. A fan triangle is the image x = c + B x^ of the reference triangle (0,0),
-(1,0), (0,1), where B has the columns x_i - c and x_{i+1} - c. The map takes centroids to centroids. Fields on the three
-parts are polynomials of degree 2, given by their values at six points per part: the 18 *stations*.
+(1,0), (0,1), where B has the columns x_i - c and x_{i+1} - c. Fields are polynomials of degree 2 on each part, given by
+values at six points of the part, the *stations*.
 
-A body force is linear in each cell: f = a_0 + x a_1 + y a_2 with three vectors a_k, and x, y relative to the centre. A
-triangle with the barycentric coordinates lambda_k bears the forces F_k = int f lambda_k. Unknowns inside a cell are
-condensed. The remaining symmetric matrix of a cell with n vertices, its *form*, has 4 n rows for unknowns on the
-outline, and 6 rows for f.
+A body force is f = a_0 + x a_1 + y a_2 in each cell, where (x, y) is the position relative to the centre. Let lambda_k
+be the barycentric coordinates of a triangle. The forces on the triangle are F_k = int f lambda_k.
+
+Unknowns inside a cell are eliminated. The remaining symmetric matrix is the *form* of the cell. With n vertices, it has
+4 n rows for the outline and 6 rows for f.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ FORCES = 6  # coefficients of a linear body force in a cell
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return the index of one cell of each kind, and the kind (c,) of each cell: cells of a kind have equal arrays."""
+    """Return one cell of each group with equal arrays, and the group number of each cell."""
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    # If most of the first cells differ, each cell is a kind of its own.
+    # If most of the first cells differ, each cell is its own group.
     if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), np.arange(len(rows))
     _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
@@ -39,7 +40,7 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
 
 
 def monomials(x: Floats) -> Floats:
-    """Return the monomials 1, x, y, x^2, xy, y^2 at points, (q, 6)."""
+    """Return 1, x, y, x^2, xy, y^2 at each point."""
     one, two = x.T
     return np.column_stack([np.ones(len(x)), one, two, one * one, one * two, two * two])
 
@@ -53,14 +54,14 @@ def monomial_slopes(x: Floats) -> Floats:
 
 TRIANGLES = np.concatenate([CORNERS, CORNERS.mean(axis=0)[None]])[PARTS]
 STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
-"""The interpolation points (3, 6, 2) of each part: its corners, then the middles of its edges."""
+"""The stations (3, 6, 2): in each part three corners, then three middles of edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
 """The coefficients (3, 6, 6) of the six Lagrange functions of each part."""
 RULE, RULE_WEIGHTS = np.stack([RADON_POINTS @ part for part in TRIANGLES]), np.tile(RADON_WEIGHTS / 6.0, 3)
-"""Radon's points (3, 7, 2) in each part, exact for degree 5, and weights (21,), which add up to the area, 1/2."""
+"""Radon's points (3, 7, 2) in the three parts, and weights (21,): exact for degree 5."""
 _LAGRANGE = monomials(RULE[0]) @ COEFFICIENTS[0]
 MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE, _LAGRANGE)
-"""The integrals (6, 6) of products of two Lagrange functions over a part, the same for all parts."""
+"""The integrals (6, 6) over a part of products of two Lagrange functions."""
 LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """The inverse (3, 3) of int lambda_j lambda_k over the reference triangle."""
 
@@ -77,11 +78,11 @@ class Fans:
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """One cell of each shape, and the shape (c,) of each cell; cells of a shape have equal corners and C."""
+        """One cell of each shape, and the shape number (c,) of each cell."""
         return distinct([self.corners, self.C])
 
     def expand(self, matrices: Floats) -> Floats:
-        """Return the matrices (c, ...) of the cells, given the matrices (k, ...) of the k shapes."""
+        """Return the matrices of all cells, given one matrix per shape."""
         some, same = self.alike
         return matrices if isinstance(some, slice) and some == slice(None) else matrices[same]
 
@@ -92,14 +93,14 @@ class Fans:
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """Return the products (c, r) of matrices (k, r, s), one per shape, with vectors (c, s) of cells."""
+        """Return the products of matrices, one per shape, with the vectors of cells."""
         if len(matrices) == 1:
             return np.asarray(data @ matrices[0].T)
         return np.asarray(np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0])
 
     @property
     def rule(self) -> tuple[Floats, Ints, Floats]:
-        """Points (c, 21 n, 2), their cells (21 n c,), and weights (c, 21 n) of quadrature of degree 5."""
+        """Quadrature of degree 5: points (c, 21 n, 2), cell numbers, and weights."""
         x = self.centres[:, None, None] + np.einsum("qa,ctba->ctqb", RULE.reshape(-1, 2), self.B)
         x = x.reshape(len(x), -1, 2)
         weights = RULE_WEIGHTS * self.doubled_areas[..., None]
@@ -142,13 +143,13 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The mean gradients, over each cell, of the quadratic Lagrange functions of outline points: (c, 2 n, 2)."""
+        """The mean gradients (c, 2 n, 2) of the quadratic Lagrange functions of outline points."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         return np.asarray(np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None]))
 
     @cached_property
     def forces(self) -> Floats:
-        """The matrices (c, n, 6, 6) that map the coefficients of a body force f to F_k = int f lambda_k."""
+        """The matrices (c, n, 6, 6) from the coefficients of f to the forces F_k."""
         corners = np.concatenate([0.0 * self.corners[:, :, None], self.B.swapaxes(2, 3)], axis=2)
         values = np.concatenate([np.ones((*corners.shape[:3], 1)), corners], axis=3)
         mass = (np.ones((3, 3)) + np.eye(3)) / 24.0 * self.doubled_areas[..., None, None]
@@ -157,18 +158,15 @@ class Fans:
 
 
 def condense(M: Floats, first: int) -> Floats:
-    """Condense the first unknowns of symmetric matrices (..., m, m): return their Schur complements."""
-    # Inverses in place of this solve leave only five digits near nu = 1/2.
+    """Return the Schur complements of symmetric matrices without the `first` unknowns."""
+    # Explicit inverses leave only five digits near nu = 1/2.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     return np.asarray(0.5 * (left + left.swapaxes(-1, -2)))
 
 
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
-    """Return the matrices (k, 4 n + 6, 4 n + 6) of cells, given the matrices (k, n, 18, 18) of triangles.
-
-    The vector of a cell begins with inner unknowns; `slots` (n, 12) are the positions of each triangle's unknowns.
-    """
+    """Return the forms of cells, given matrices of triangles and the positions `slots` of unknowns."""
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
     by_force = np.zeros((*each.shape[:2], 18, 12 + FORCES))
@@ -181,13 +179,13 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """Add the values (c, m) of each chunk of cells at places (c, m) of a zero vector (size,), and return the vector."""
+    """Return the vector (size,) with the values of all chunks added at `places`."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells, in chunks of cells with equally many vertices, given C (n_cells, 3, 3)."""
+    """Return the fans of all cells, in chunks with equally many vertices."""
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]
@@ -207,7 +205,7 @@ SHORTEST_EDGE = 1e-3  # smallest accepted length of an edge, relative to the rad
 
 
 def _refuse_cells(fans: Fans) -> None:
-    """Raise SceneError if an edge is too short, or a cell is not star-shaped about its centroid."""
+    """Raise SceneError for short edges, and for cells that are not star-shaped."""
     lengths = np.linalg.norm(fans.normals, axis=2)
     ratio = lengths.min(axis=1) / np.linalg.norm(fans.corners, axis=2).max(axis=1)
     if ratio.min() < SHORTEST_EDGE:

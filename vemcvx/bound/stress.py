@@ -1,23 +1,23 @@
 """Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
 
-On a triangle split at its centroid, consider symmetric stresses that are linear on the three parts, with continuous
-tractions across inner edges. The linear tractions on the three edges (12 numbers) and the divergences on the parts (6)
-determine the stress; they must be in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). The stresses are
-computed on the reference triangle, marked by ^, and mapped to the others with the matrix B of :mod:`.fan`:
+A triangle is split at its centroid into three parts. Stresses are symmetric and linear on each part, with continuous
+tractions across inner edges. Linear tractions on the edges (12 numbers) and divergences on the parts (6 numbers)
+determine a stress if they are in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Let e be an edge with the
+normal n. Stresses tau^ on the reference triangle are mapped by the matrix B of :mod:`.fan`:
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B.
 
-A linear traction t is given by int t phi for both ends of an edge; phi is linear, 1 at this end and 0 at the other end.
-A linear body force f is given by F_k = int f lambda_k, and split in two. The first force is constant on each part, with
-the same F_k. The stress due to the second force has degree 2, and no tractions on edges.
+A linear traction t is given by two integrals int t phi, where phi is 1 at one end of the edge and 0 at the other end. A
+linear body force f is given by F_k = int f lambda_k with barycentric coordinates lambda_k. The force f is the sum of a
+force that is constant on each part, with the same F_k, and a rest. The rest causes stresses of degree 2 without
+tractions on edges.
 
-Let m be edge motions, linear on each edge. A triangle has a stress that maximises
+Let m be edge motions, linear on each edge. The stress of a triangle maximises
 
     sum over edges  int tau n . m  -  (tau, C^-1 tau) / 2
 
-among the stresses in balance with f. It is linear in m and F. The maximum is half a quadratic form of m and F, and its
-derivatives by m are the tractions. Spokes are the edges at the centre of a fan. Their motions are condensed: the sum of
-the two triangles' forms is stationary in the motions of a spoke, so that the tractions on the spoke cancel.
+among the stresses in balance with f. This stress is linear in m and F. The maximum is half a quadratic form of m and F.
+Spokes are the edges at the centre of a fan. The motions of spokes are eliminated: both tractions on a spoke cancel.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix (2 q, 54) from tau at stations to tau n at points (q, 2), or to div tau if `n` is None."""
+    """Return the matrix from tau at stations to tau n, or to div tau without `n`."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -53,7 +53,7 @@ def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
 
 
 def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
-    """Return matrices (j, 54): tractions on outer edges, jumps on inner edges (at `count` points each), and div tau."""
+    """Return matrices for tractions on outer edges, jumps on inner edges, and div tau."""
     outer, jumps, inside = [], [], []
     centre = CORNERS.mean(axis=0)
     for k in range(3):
@@ -68,17 +68,14 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
 
 @cache
 def reference() -> Floats:
-    """Return the matrix (54, 18) from tractions and forces to stresses at stations of the reference triangle.
-
-    The first 12 columns are for int tau n phi, at both ends of the edges from corner k to corner k + 1; 6 are for F_k.
-    """
+    """Return the matrix (54, 18) from tractions and forces to stresses at the stations."""
     outer, jumps, inside = _conditions(2)
     middles = np.zeros((3, 3, 3, 3, 6, 3))
     for part, side, component in np.ndindex(3, 3, 3):
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # If the integrals int t phi of the two ends of an edge are b and b', |e| t is 4 b - 2 b' and 4 b' - 2 b there.
+    # Integrals b, b' for two ends give |e| t = 4 b - 2 b' and 4 b' - 2 b.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
@@ -94,7 +91,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """Return the stresses (54, j) for which `_conditions` are `data`: of degree 2, with the least mean square."""
+    """Return stresses of degree 2, of least mean square, for which `_conditions` are `data`."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
@@ -102,7 +99,7 @@ def _least(data: Floats) -> Floats:
 
 
 def _piola(B: Floats) -> Floats:
-    """Return the matrices (..., 3, 3) from components of tau^ to components xx, yy, xy of B tau^ B'."""
+    """Return the matrices from tau^ to B tau^ B', for components xx, yy, xy."""
     (a, b), (c, d) = np.moveaxis(B, (-2, -1), (0, 1))
     rows = [[a * a, b * b, 2.0 * a * b], [c * c, d * d, 2.0 * c * d], [a * c, b * d, a * d + b * c]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
@@ -110,7 +107,7 @@ def _piola(B: Floats) -> Floats:
 
 @cache
 def _balance_data() -> Floats:
-    """Return tractions and forces (18, 15) in balance: 9 columns without forces, then one column for each force."""
+    """Return a basis (18, 15) of the tractions and forces in balance."""
     ends = np.array([CORNERS[k] for edge in range(3) for k in (edge, (edge + 1) % 3)])
     x = np.concatenate([ends, CORNERS])
     rows = np.stack([np.tile([1.0, 0.0], 9), np.tile([0.0, 1.0], 9), np.column_stack([-x[:, 1], x[:, 0]]).ravel()])
@@ -122,14 +119,14 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return the integrals (9, 225) of products of two components of two stresses, due to `_balance_data`."""
+    """Return the integrals of products of stress components, for all pairs of `_balance_data`."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the forms (c, n, 18, 18) of triangles, in the motions of their edges (12) and their forces (6)."""
+    """Return the forms (c, n, 18, 18) of triangles, in edge motions and forces."""
     c, n = fans.corners.shape[:2]
     M = _piola(fans.B)
     compliances = np.matmul(M.swapaxes(2, 3), np.matmul(np.linalg.inv(fans.C)[:, None], M))
@@ -149,7 +146,7 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of triangles' edge motions in a cell's vector: 4 n of spokes, then 4 n of edges."""
+    """Return the positions of each triangle's edge motions in the vector of a cell."""
     # The last edge of a triangle is the next spoke, with its ends exchanged.
     t = np.arange(n)[:, None]
     after = 4 * ((t + 1) % n)
@@ -157,6 +154,6 @@ def _slots(n: int) -> Ints:
 
 
 def stress_form(fans: Fans) -> Floats:
-    """Return the forms (k, 4 n + 6, 4 n + 6) of the k shapes, for vectors of edge motions and body force."""
+    """Return the forms of all shapes, in edge motions and body force."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, triangle_forms(shapes), _slots(fans.n))

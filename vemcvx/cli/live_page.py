@@ -1,4 +1,4 @@
-"""`vemcvx app`: a page in the browser, on which a problem can be changed and solved again by marimo."""
+"""`vemcvx app`: a marimo page in the browser, on which users change a problem and solve it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vemcvx.cli.terminal import say, write_text
 
 GIVEN = "VEMCVX_APP"  # Environment variable with the problem file of the page.
 PAGE = "live_page.py"
-FRAMES = 11  # Number of evenly spaced steps on a page that --html writes.
+FRAMES = 11  # Number of evenly spaced steps on written pages.
 STYLE = "dd b{font-size:1.4em}label{display:flex;gap:1em;flex-wrap:wrap}input{flex:1 1 12em}"
 SHOW = """
 const steps = [...document.querySelectorAll('section')];
@@ -45,7 +45,7 @@ class App:
 
     def __call__(self) -> None:
         """Open a live page: change scene, mesh, friction, load and solver; see stick and slip (needs extra `app`)."""
-        # marimo runs the page again for each visitor; the page reads the environment variable.
+        # marimo runs the page for each visitor, and the page reads this variable.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
             read_problem(self.file).require("scene")
@@ -70,7 +70,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 
 def write(path: Path, first: int) -> str:
-    """Write a page of pictures and numbers that opens at step `first`; return a line to print."""
+    """Write a page that opens at step `first`, and return a line to print."""
     module, found = _run()
     history, problem = found["history"], found["problem"]
     course, units = module.course_of(found["path"].value, problem), problem.units

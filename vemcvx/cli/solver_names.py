@@ -1,4 +1,4 @@
-"""Make solvers and linear solvers from their names on the command line. FILE.py:NAME is a solver in a user's file."""
+"""Solvers and linear solvers by name on the command line. FILE.py:NAME is a solver in a user's file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp"
 
 
 def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
-    """Return the solver of vemcvx or cvxpy with this name, or the solver FILE.py:NAME of a user."""
+    """Return the solver with this name."""
     if ":" in name:
         made = load_from_file(name, option, "solver", "solve(program, target)", _solves)
         solver: Solver = run_user_code(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
@@ -36,7 +36,7 @@ def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> 
 
 
 def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[[type], bool]) -> Any:
-    """Return the object NAME of a user's file FILE.py; if NAME is a class, an object of this class."""
+    """Return the object NAME of FILE.py, or an object of the class NAME."""
     file, _, name = typed.rpartition(":")
     path = Path(file)
     module = execute_file(path, f"file of a {noun}")
@@ -58,7 +58,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver with this name, or FILE.py:NAME; None without a name."""
+    """Return the linear solver with this name, or None without a name."""
     if name is None:
         return None
     if ":" in name:
@@ -71,7 +71,7 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Serve PETSc, if chosen, on all ranks but rank 0, and return True there at the end; else return False."""
+    """Serve PETSc on all ranks but rank 0, and return True on these ranks."""
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:

@@ -1,8 +1,8 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history on its mesh, and refines the fewest cells whose squared indicators add up to THETA
-times the sum over all cells (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal.
-33, 1996). It refines fewer cells if these are expected to meet the target. Steps with large time errors are split.
+Each pass simulates the whole history, and estimates the squared error of each cell. It refines the fewest cells that
+have the fraction THETA of the sum of squares (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM
+J. Numer. Anal. 33, 1996), or fewer cells if these suffice. Steps with large time errors are split.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping import Memory, certify_in_full, check_times, initial_state, march, prepare
 from vemcvx.stepping.course import JUMP_WIDTH, inside_steps, sample_course
 
-GAIN = 0.75  # Fraction of a cell's squared indicator that refinement of the cell removes, for smooth solutions
-MARGIN = 0.9  # Cells are refined until the expected error is this fraction of the target
+GAIN = 0.75  # Fraction of a cell's squared error that refinement removes, for smooth solutions
+MARGIN = 0.9  # Expected error after refinement, as a fraction of the target
 TIME_FRACTION = 0.3  # Allowed time error as a fraction of the target
-THETA = 0.6  # Fraction of the squared error that is in the refined cells of a pass
+THETA = 0.6  # Fraction of the squared error in the refined cells
 MOST_STEPS = 4000  # Largest number of steps of the first pass
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells whose `squares` add up to theta times their sum, or suffice for `goal`."""
+    """Return a mask of the fewest cells with the fraction theta of `squares`, or sufficient for `goal`."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -49,15 +49,15 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
 
 
 def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Floats:
-    """Return instants with the worst steps split, if the time error relative to `unit` exceeds `allowed`."""
+    """Return instants, with the worst steps split if the time error exceeds `allowed`."""
     error = float(finer.errors.max()) / (unit or 1.0)
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), finer.added**2, 0.0)
     if error <= allowed or not squares.any():
         return times
-    # The error of steps k is O(k^2) for smooth loads, so halves divide it by 4.
+    # If loads are smooth, halves of steps have a quarter of the error.
     parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
-    # Split the fewest steps that contribute .8 of the sum of `squares`.
+    # Split the fewest steps with 0.8 of the sum of squares.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
@@ -150,7 +150,7 @@ def adapt(
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        The coarse initial mesh (in space: of tetrahedra); it must have the boundaries that the scene names.
+        Coarse initial mesh, in space of tetrahedra, with the boundaries that the scene names.
     times : increasing sequence of instants
         Instants to store, from the first to the last of the run. The history also stores instants at which data bend,
         turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
@@ -164,7 +164,7 @@ def adapt(
     most_unknowns : int
         A pass that is expected to exceed this number does not begin, even if the target is not met.
     progress : callable, optional
-        Called with each finished :class:`Pass`.
+        Function that is called with each finished :class:`Pass`.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def adapt(
     Raises
     ------
     MeshError
-        A cell of a mesh in space is no tetrahedron.
+        A cell of a mesh in space is not a tetrahedron.
     SceneError
         The target is not in (0, 1), there is no estimate for the scene, or scene, mesh and times are not well-posed.
     NotCertified
@@ -217,7 +217,7 @@ def adapt(
         _tell(passes, budget, progress)
         marked, split = _next(now, budget, (instants, finer), target)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
-        # A refined cell becomes four cells; in space it is bisected together with about three neighbours.
+        # Refinement of a cell adds about three cells.
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             return _make_result(posed, history, budget, aim, passes)
         start = time.perf_counter()
@@ -230,18 +230,18 @@ class _Aim:
 
     target: float
     initial: str | Projected | None
-    wanted: Floats  # instants that the user gave
+    wanted: Floats  # given instants
     solver: Solver | Solves | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
-    """instants inside the steps of `wanted` at which data bend, turn or jump"""
+    """instants between those in `wanted` at which data bend, turn or jump"""
 
     @property
     def stored(self) -> Floats:
         return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Return the steps that end at instants at which the mesh error is estimated."""
-        # Each instant costs a back-substitution per pass, so at most eight of each kind are examined.
+        """Return the steps at whose ends the mesh error is estimated."""
+        # Each instant costs a back-substitution, so there are at most eight of each kind.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
 
@@ -299,7 +299,7 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
 
 def _next(now: Pass, budget: ErrorBudget, steps: tuple[Floats, Finer], target: float) -> tuple[Bools, Floats]:
     """Return a mask of cells to refine, and the instants of the next pass."""
-    # The allowed mesh error is the target minus the errors of algebra and steps, but at least half the target.
+    # At least half the target is left for the mesh error.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
     marked = cells_to_refine(budget.cells**2, for_space**2, THETA)
     if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
@@ -318,8 +318,8 @@ def _check(target: object, most: object, progress: object) -> None:
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Return the aim, completed by its `turns`, and instants at which a run on `mesh` has a small time error."""
-    # An effect that is zero at all given instants is posed, too: the effect may act between these instants.
+    """Return the aim with `turns`, and instants for a small time error on `mesh`."""
+    # Effects that are zero at all given instants may act between these instants.
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")
     if posed.curves:

@@ -1,10 +1,10 @@
 r"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
 
-Let g be the friction bounds, f_0 the loads at the first instant, and N and B as in :mod:`.limit_load`. Let E(t) be the
-change of friction forces from the first instant to t while all contact sticks. The factor alpha multiplies changes of
-loads. By Melan's theorem slip stops if constant forces s exist with N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i for
-all i and t. Let v(t) be increments of slip with a rigid motion as their sum: sum_t v(t) = B N c. By Koiter's theorem
-alpha is at most
+Let g be the friction bounds, and f_0 the loads at the first instant. The columns of N are rigid motions, and B maps
+displacements to slips. Let E(t) be the change of friction forces since the first instant while all contact sticks. The
+factor alpha multiplies changes of loads. By Melan's theorem slip stops if constant forces s exist with N'B's = N'f_0
+and |s_i + alpha E_i(t)| <= g_i for all nodes i and instants t. Let v(t) be increments of slip whose sum is a rigid
+motion: sum_t v(t) = B N c. By Koiter's theorem alpha is at most
 
     (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t).
 """
@@ -29,7 +29,7 @@ from vemcvx.stepping import check_times, march
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Shakedown(ArrayRecord):
-    """Two bounds on the largest factor of a load cycle with which slip stops, for m friction terms and T instants.
+    """Two bounds on the largest factor of a load cycle for which slip stops: m friction terms, T instants.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Shakedown(ArrayRecord):
 
 
 def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
-    """Return the largest factor of a load cycle with which slip stops after some repetitions.
+    """Return the largest factor of a load cycle for which slip stops after some repetitions.
 
-    The factor multiplies the changes of loads and prescribed displacements since the first instant. Above the factor
+    The factor multiplies the changes of loads and prescribed displacements since the first instant. Above the factor,
     slip never stops. If friction of stuck contact is singular at the ends of contact, the factor tends to zero as the
     mesh is refined.
 
@@ -118,7 +118,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # Correct v so that its sum is B c: subtract the excess (net - B c), distributed in proportion to |v(t)|.
+    # Correct v so that its sum is B c.
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())
@@ -156,7 +156,7 @@ def _read_bounds(posed: PosedScene, instants: list[float]) -> Floats:
 
 
 def _find_largest_factor(s: Floats, E: Floats, g: Floats) -> float:
-    """Return the largest alpha with |s_i + alpha E_i(t)| <= g_i for all i and t, for given s within the bounds."""
+    """Return the largest alpha with |s_i + alpha E_i(t)| <= g_i for all i and t."""
     a, b, c = (E**2).sum(axis=2), (E * s).sum(axis=2), np.maximum(g**2 - (s**2).sum(axis=1), 0.0)
     root = np.sqrt(b**2 + a * c)
     # The positive root x of a x^2 + 2 b x = c, without cancellation.

@@ -1,4 +1,4 @@
-"""Choice of the linear solver by size, dimension and installed packages, and of the number of BLAS threads."""
+"""The default linear solver, and the number of BLAS threads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
-    """Return `given`, or by default a direct solver, or Iterative (needs PyAMG) if direct factors are too large."""
+    """Return `given`, or else a direct solver, or with PyAMG Iterative for large systems."""
     if given is not None:
         return given
     direct = direct_solver(unknowns)
@@ -33,7 +33,7 @@ def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: in
 
 
 def direct_solver(unknowns: int) -> Pardiso | SuperLU:
-    """Return Pardiso if it is installed and there are at least 1,000 unknowns, else SuperLU."""
+    """Return Pardiso for 1,000 unknowns or more if it is installed, else SuperLU."""
     return Pardiso() if unknowns >= 1_000 and Pardiso.is_installed() else SuperLU()
 
 
@@ -42,7 +42,7 @@ _find_libraries = cache(ThreadpoolController)  # The search for BLAS libraries t
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Limit BLAS to one thread inside the block for fewer than 2,000 unknowns, where more threads are slower."""
+    """Limit BLAS to one thread inside the block, for fewer than 2,000 unknowns."""
     if unknowns >= 2_000 or current_thread() is not main_thread():  # The limit holds for the whole process.
         yield
         return

@@ -44,7 +44,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
     Raises
     ------
     MeshError
-        The file is missing, damaged, of an unknown format, or would be read wrongly; or its mesh is not valid.
+        The file is missing, damaged, ambiguous or of an unknown format, or its mesh is not valid.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the boundary positions of named sides that `join` put on interfaces, as positions on the first bodies."""
+    """Return the boundary positions of named sides on interfaces, counted on first bodies."""
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
         first[faces_of(interface.partners, mesh._outlines)] = faces_of(interface.edges, mesh._outlines)

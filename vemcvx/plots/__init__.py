@@ -1,6 +1,6 @@
-"""Pictures of a history: each function draws on a new figure, or on given axes, and returns the matplotlib figure."""
+"""Pictures of a history. Each function draws on a new figure or on given axes, and returns the figure."""
 
 import lazy_loader
 
-# Pictures, listed in __init__.pyi, are imported when first used: some modules need colours and units only.
+# Some modules need colours and units only, so pictures are imported when first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,6 @@
 r"""The certificate: a bound on the distance of any answer from the solution (proofs: docs/theory/certificate.md).
 
-Let $d^*$ be the solution of a step's program (``StepProgram``). Take any $d$ within the bounds of limits, and any
+Let $d^*$ be the solution of a step's program (``StepProgram``). Take any $d$ that obeys the bounds, and any
 $|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
@@ -9,13 +9,13 @@ $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|e|_K^2 = e' K e$. If $K$ has a kernel $N$, this is a
 seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
-Theorem 2: for any move $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ after the move to $d - v$. Then
-$|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$ if $d - v$ is within the bounds. We choose a move that removes
-slips and excesses $z$ that count as zero (``StepProgram.zero_levels``), and take the smaller of the two bounds.
+Theorem 2: for any move $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ at $d - v$. If $d - v$ obeys the
+bounds, $|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. We choose a move that removes slips and excesses $z$
+close to zero (``StepProgram.zero_levels``), and take the smaller of the two bounds.
 
 Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
-$|d - d^*|_K$ is at most `error + error_floor`, the square roots of twice the gap and of twice the floor.
+Then $|d - d^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}$, which is `error + error_floor`.
 
 Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
 """
@@ -31,10 +31,10 @@ from vemcvx.base.arrays import EPS, Floats, directions, lengths
 from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""Relative rounding error of the length of w lam / |lam|: w - |lam| counts as zero if it is at most this part of w."""
+"""The difference w - |lam| counts as zero if it is at most this fraction of w."""
 
 ROUNDED = 8 * EPS
-"""Rounding error of a sum of sixteen numbers whose absolute values have the sum 1."""
+"""Rounding error of a sum of sixteen numbers, relative to the sum of absolute values."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -46,15 +46,15 @@ class Certificate(ArrayRecord):
     equilibrium : float
         1/2 r'K^{-1}r.
     friction : (m,) array
-        w_i |s_i| - lam_i . s_i of each norm term; large entries show where on the boundary the answer is not converged.
+        w_i |s_i| - lam_i . s_i of each norm term: large where the answer is not converged.
     floor : float
         Energy by which rounding may change the gap.
     limits : (r,) array
-        The part of each limit in the gap.
+        The term of each limit in the gap.
     moved : float
         2 |v|_K of the move v of theorem 2; `friction` and `limits` are evaluated after the move.
     given_friction : bool
-        True if weights depend on pressures or may fall with slip: the bound then holds for the weights at this answer.
+        True if weights depend on pressures or fall with slip. The bound then holds for the weights at this answer.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Certificate(ArrayRecord):
     moved: float = 0.0
 
     def away(self, error: float) -> Certificate:
-        """Return a certificate with gap = error^2 / 2, for a known bound |d - d*|_K <= error."""
+        """Return a certificate with gap = error^2 / 2."""
         friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         return replace(self, equilibrium=0.5 * error * error, friction=friction, limits=limits, moved=0.0)
 
@@ -85,7 +85,7 @@ class Certificate(ArrayRecord):
 
     @property
     def terms(self) -> float:
-        """The part of norm terms and limits in the gap."""
+        """The sum of `friction` and `limits`."""
         return float(self.friction.sum() + self.limits.sum())
 
     @cached_property
@@ -95,22 +95,19 @@ class Certificate(ArrayRecord):
 
     @property
     def error_floor(self) -> float:
-        """The part sqrt(2 floor) of the error that is due to rounding."""
+        """The rounding error sqrt(2 floor) in the energy norm."""
         return float(np.sqrt(2.0 * self.floor))
 
     @property
     def at_floor(self) -> bool:
-        """True if rounding may account for the whole error, so that no smaller error can be requested."""
+        """True if rounding may cause the whole error."""
         return self.gap <= self.floor
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
-    """Return w_i |s_i| - lam_i . s_i >= 0 (m,) for |lam_i| <= w_i.
-
-    They are computed without cancellation: (w - |lam|) |s| + |lam| |s| |e - f|^2 / 2, directions e of lam and f of s.
-    """
+    """Return w_i |s_i| - lam_i . s_i for |lam_i| <= w_i, computed without cancellation."""
     size, slip = lengths(lam), lengths(s)
-    # A vanishing lam or s has no direction, but `apart` has no effect, because |lam| |s| = 0.
+    # Where lam or s is zero, `apart` has no effect.
     apart = directions(lam, size) - directions(s, slip)
     short = np.where((size >= (1.0 - BOUND_ROUNDING) * w) | (slip == 0.0), 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)
@@ -118,10 +115,7 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
 
 
 def limit_gaps(compliance: Floats, p: Floats, z: Floats) -> Floats:
-    """Return (z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 (r,) for p >= 0; infinite if z violates a bound.
-
-    Gaps are computed without cancellation, as (z - c p)^2 / 2c where z > 0, and c p^2 / 2 + p |z| elsewhere.
-    """
+    """Return (z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j for p >= 0, computed without cancellation."""
     if len(p) == 0:
         return p
     soft, above = compliance > 0, z > 0

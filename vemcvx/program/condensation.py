@@ -1,20 +1,20 @@
-"""Static condensation, once for all steps: a system reduced to the unknowns of its norm terms and limits.
+"""Static condensation: a system reduced, once for all steps, to the unknowns of norm terms and limits.
 
-Norm terms and limits act on the retained unknowns c; the others are the interior unknowns i. The Schur complement is
+Norm terms and limits act on the retained unknowns c. All other unknowns i are interior. The Schur complement is
 S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in a factorisation K = L U, then S = L_cc U_cc.
 
-A force phi is *reduced* to two vectors. xi is the response of the interior while the retained unknowns are fixed at
-zero, and tau is a force on the retained unknowns:
+A force phi is *reduced* to two vectors. xi is the response of the interior if the retained unknowns are zero, and tau
+is a force on the retained unknowns:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-Let a force f be reduced to xi_f and tau_f, and let y be a state under f with the retained displacements y_c. Then
+Let a force f be reduced to xi_f and tau_f. A state y under f, with the retained displacements y_c, obeys
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
 
-where phi'y is the work of a force phi. If K has a kernel, a diagonal matrix E is added to K: the stiffness of anchors
-(:mod:`.kernel`). The Schur complement is then S + E.
+where phi'y is the work of a force phi. If K has a kernel, we add the diagonal stiffness E of anchors (:mod:`.kernel`)
+to K. The Schur complement is then S + E.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
-"""Largest number of stored forces, called shapes. A combination of shapes needs no solve; other loads need one."""
+"""Largest number of stored forces, called shapes. A combination of shapes needs no solve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ class Reduced:
 
 
 class Condensation:
-    """A system reduced to its `retained` (m,) unknowns: `operators` act on these, and `full` on all unknowns.
+    """A system reduced to its `retained` unknowns (m,).
 
-    If `whole` is True, the system is not condensed, and `operators` equals `full`. `factor` solves with K, or with
-    K + E if K has a kernel; `anchor` is the diagonal of E.
+    `operators` act on retained unknowns, and `full` on all unknowns. If `whole` is True, all unknowns are retained.
+    `factor` solves with K + E. `anchor` is the diagonal of E, or None.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -123,7 +123,7 @@ class Condensation:
         )
 
     def reduce(self, phi: Floats, kind: str = "") -> Reduced:
-        """Reduce a force (n,); no solve is needed if the force is a combination of earlier forces of the same kind."""
+        """Return a reduced force, without a solve if shapes of this kind suffice."""
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
         n, m = len(phi), len(self.retained)
@@ -145,7 +145,7 @@ class Condensation:
         return Reduced(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau (m,), corrected so that tau and phi (n,) do the same work on every motion in the kernel of K."""
+        """Return tau, corrected to do the same work as phi on motions in K's kernel."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau
@@ -154,13 +154,13 @@ class Condensation:
         return tau + N @ (np.linalg.solve(kernel.modes[self.retained].T @ N, work) - N.T @ tau)
 
     def solve_interior(self, phi: Floats) -> Floats:
-        """Return xi, of the same shape as phi: (n,) or (n, k)."""
+        """Return xi for a force phi (n,), or for k forces (n, k)."""
         c, inner = self.retained, phi.copy()
         inner[c] = 0.0
         if not inner.any():
             return inner
         xi = self.factor.solve(inner)
-        for _ in range(2):  # The solve moves the retained unknowns; the forces -S x_c move them back to zero.
+        for _ in range(2):  # The forces -S xi_c move the retained unknowns to zero.
             if np.abs(xi[c]).max(initial=0.0) <= ROUNDED * np.abs(xi).max():
                 break
             inner[c] -= self._S @ xi[c]
@@ -173,7 +173,7 @@ class Condensation:
         return self.complete(force.xi, force.released)
 
     def complete(self, xi: Floats, y_c: Floats) -> Floats:
-        """Return the state xi + K^{-1} (0, S y_c), whose retained unknowns are y_c; or k states (n, k)."""
+        """Return the state xi + K^{-1} (0, S y_c), with exactly y_c as retained unknowns."""
         pushed, y = np.zeros_like(xi), xi.copy()
         if y_c.any() and len(y_c) < len(xi):
             pushed[self.retained] = self._S @ y_c

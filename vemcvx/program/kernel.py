@@ -2,7 +2,7 @@ r"""The kernel of a matrix K: motions without energy, which only norm terms and 
 
 An example is a body without supports, held by friction, or by its weight on an obstacle. Let N have k columns that span
 the kernel. In the notation of :mod:`vemcvx.program.step_program`, a step has a solution d* if every motion N c costs
-energy (left). Forces of norm terms and limits then balance the load on the kernel (right):
+energy (left). The load on the kernel is then in balance with forces of norm terms and limits (right):
 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D N c \le 0, \qquad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
@@ -34,7 +34,7 @@ from vemcvx.base.errors import SceneError
 from vemcvx.linear import Matrix
 from vemcvx.program.certificate import ROUNDED
 
-MAX_CORRECTIONS = 50  # of multipliers, by least squares
+MAX_CORRECTIONS = 50  # least-squares corrections of multipliers
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        A function that describes the motion modes @ c, given c; by default the description follows from `names`.
+        Description of the motion modes @ c for given c; by default made of `names`.
     moved : (n_u, k) or (nodes, components, k) array, optional
         Displacements of all nodes in each motion; by default `modes`, if the unknowns are displacements of nodes.
 
@@ -94,14 +94,14 @@ class Kernel:
 
 
 def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
-    """Return the rank of rows @ modes: the number of independent motions, of `modes` (n, k), that the rows resist."""
+    """Return the number of independent motions in `modes` (n, k) that `rows` resist."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
     return int(np.linalg.matrix_rank(seen, tol=ROUNDED * max(len(seen), 1)))
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return stiffness (m,) for anchors, the k unknowns that distinguish modes (m, k) best: K's diagonal, else zero."""
+    """Return stiffness (m,) for the k unknowns that distinguish modes (m, k) best."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)
@@ -109,17 +109,16 @@ def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
 
 
 def add_anchors(K: Matrix, anchor: Floats) -> Matrix:
-    """Return K with the stiffness `anchor` (n,) of anchors."""
+    """Return K plus the diagonal `anchor` (n,)."""
     return K + np.diag(anchor) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(anchor))
 
 
 def balance_multipliers(
     near: tuple[Floats, Floats], w: Floats, modes: Floats, push: Floats, weights: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return multipliers lam (m, block), p (r,) close to `near`: (lam, p)'modes = push, |lam_i| <= w_i, p >= 0.
+    """Return multipliers close to `near` with (lam, p)'modes = push, |lam_i| <= w_i and p >= 0.
 
-    The columns of `modes` (m * block + r, k) are the slips and gaps in k motions. Corrections are least squares; a
-    larger entry of `weights` allows a larger change.
+    The columns of `modes` are slips and gaps in k motions. Larger `weights` allow larger changes.
     """
     (lam, p), (a, b), rows, way = near, weights, near[0].size, np.zeros_like(near[0])
     of_terms, of_limits = modes[:rows].reshape(*lam.shape, len(push)), b[:, None] * modes[rows:]

@@ -4,8 +4,8 @@
     solution  K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with the stiffness matrix K and g = load(t_n) - K y_prev, the unbalanced force of y_prev under the new load. The unknown
-is d, not y, so that d keeps all digits if it is tiny compared with y. Norm term i resists the slip s_i by the force
+K is the stiffness matrix, and g = load(t_n) - K y_prev is the unbalanced force of y_prev under the new load. The
+unknown is d, because d keeps all digits if it is tiny compared with y. Norm term i resists the slip s_i by the force
 lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the
 force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
 """
@@ -52,11 +52,11 @@ if TYPE_CHECKING:
 STILL_TOLERANCE = 1e-9
 """Slips B d - b and excesses D d - e count as zero below this fraction of the largest motion of a row."""
 GAIN_TOLERANCE = 1e-9
-"""Smallest gain of a motion, relative to the load, that an interior-point method distinguishes from zero."""
+"""Gains of a motion, relative to the load, count as zero below this level."""
 
 
 def has_diverged(x: Floats) -> bool:
-    """Return True if the squares of entries are close to overflow, which happens if nothing holds the body."""
+    """Return True if squares of entries are close to overflow."""
     return bool(np.vdot(x, x) > 1e250)
 
 
@@ -123,7 +123,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The scale of |d|_K: the largest of |K^{-1} g|_K and the least |d|_K that fits one limit or stuck term."""
+        """The scale of the energy norm |d|_K, at least |K^{-1} g|_K."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -132,7 +132,7 @@ class StepProgram(ArrayRecord):
         way, flexible = lengths(operators.blocks(self.b)), operators.norm_flexibility
         drawn = np.where(self.stuck, way, 0.0) / np.sqrt(np.where(flexible > 0, flexible, 1.0))
         size = max(size, float(pushed.max(initial=0.0)), float(drawn.max(initial=0.0)))
-        return size or float(np.sqrt(self.finite_weights @ way))  # If all norms are 0, use the root of the work w'|b|.
+        return size or float(np.sqrt(self.finite_weights @ way))  # root of the work w'|b|
 
     def slip(self, d: Floats) -> Floats:
         """Return s = B d - b, as (m, block)."""
@@ -143,10 +143,7 @@ class StepProgram(ArrayRecord):
         return np.asarray(self.operators.D @ d - self.e)
 
     def zero_levels(self, d: Floats) -> tuple[Floats, Floats]:
-        """Return the levels below which slips (m,) and excesses (r,) count as zero.
-
-        A level is STILL_TOLERANCE max(motion of any row in d, largest motion of this row in states of norm `size`).
-        """
+        """Return the levels below which slips (m,) and excesses (r,) count as zero."""
         operators, rows = self.operators, len(self.b)
         way, reach = operators.absolute[1] @ np.abs(d), self.size
         slips = max((way[:rows] + np.abs(self.b)).max(initial=0.0), 0.0)
@@ -173,7 +170,7 @@ class StepProgram(ArrayRecord):
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return multipliers near (lam, p) with |lam_i| <= w_i and p >= 0; with a kernel N, N'r = 0 if possible."""
+        """Return admissible multipliers near (lam, p), with N'r = 0 for a kernel N if possible."""
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
             return lam, p
@@ -183,10 +180,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c in K's kernel that has the largest gain within the limits; None if there is no gain.
-
-        The gain is g'N c - sum w_i |B_i N c| with |c| <= 1; a gain up to GAIN_TOLERANCE times the load counts as none.
-        """
+        """Return the motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None without gain."""
         import cvxpy as cp
 
         if (N := self.operators.kernel) is None:
@@ -207,7 +201,7 @@ class StepProgram(ArrayRecord):
         return None if c.value is None or not problem.value > GAIN_TOLERANCE else np.asarray(N @ c.value)
 
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return admissible multipliers (m, block) and (r,) of the increments `d`; compute those that are not given."""
+        """Return admissible multipliers for `d`; missing multipliers are computed from d."""
         if lam is not None and p is not None:
             return self.admissible(lam, p, d)
         read = (self.admissible(*self._read_off(d, lam, p, lawful), d) for lawful in (False, True))
@@ -216,12 +210,12 @@ class StepProgram(ArrayRecord):
     def admissible_point(
         self, d: Floats, lam: Floats | None = None, p: Floats | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """Return (d, lam, p) with d within its bounds and admissible multipliers, as certificates require."""
+        """Return increments near d that obey the bounds, and admissible multipliers."""
         d = self.feasible(d)
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return multipliers of least imbalance at `d`; keep given ones, and if `lawful` those that d determines."""
+        """Return all multipliers: by balance, or if `lawful` first by the laws of contact."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -270,11 +264,11 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> Certificate:
-        """Return the certificate of `d` after the state `before` (n,), by the better theorem of :mod:`.certificate`."""
+        """Return the certificate of `d`, by the theorem with the smaller bound."""
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # If K^{-1} has lost all digits, the energy may be negative, and 0 in place of it would hide the error.
+        # Without correct digits in K^{-1}, energies may be negative; zero would hide the error.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -289,7 +283,7 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move v that removes slips and excesses that count as zero."""
+        """Return the certificate by theorem 2, with a move that removes tiny slips and excesses."""
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         met, size = operators.compliance * p, lengths(s)
         near = ((p > 0) | (z > 0)) & (np.abs(z - met) <= lacks)
@@ -303,14 +297,14 @@ class StepProgram(ArrayRecord):
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return N'r = N'(g - B'lam - D'p) (k,), and a bound (k,) on the rounding error; N'K is zero."""
+        """Return N'r = N'(g - B'lam - D'p), and a bound on the rounding error."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # Entries of g are sums of larger forces that cancel: allow for a rounding of EPS times the largest entry.
+        # Larger forces cancel in g: allow for EPS times the largest entry.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats, before: Floats | float = 0.0) -> float:
-        """Return the energy of the rounding errors of the residual r, the floor in :mod:`.certificate`."""
+        """Return the energy of the rounding errors of the residual r."""
         if has_diverged(d):
             return 0.0
         forces = np.abs(self.g) + self.operators.absolute[1].T @ np.abs(np.append(lam, p))
@@ -358,7 +352,7 @@ class StepProgram(ArrayRecord):
         return moved
 
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
-        """Return increments (n,) within the `rigid` limits, by projections in the energy norm onto violated rows."""
+        """Return increments that obey the `rigid` limits, by projections in the energy norm."""
         from scipy.optimize import nnls
 
         rows = np.zeros(0, dtype=np.int64)
@@ -409,7 +403,7 @@ class Answer(ArrayRecord):
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """Convert a solver's return value into an Answer with all multipliers; raise SolverFailed if it does not fit."""
+    """Return the Answer in a solver's return value. Raise SolverFailed if there is none."""
     own, shapes = isinstance(raw, Answer), program.shapes
     parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])
@@ -478,12 +472,12 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound of the minimal objective: the dual and the primal objective, with room for rounding."""
+        """Lower and upper bound of the minimal objective, rounding included."""
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Certificates take slips and gaps of the size of rounding as zero; these bounds do not.
+        # Unlike certificates, these bounds do not count tiny slips as zero.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         s = np.where(self.stuck[:, None], 0.0, self.slip(d))
         parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()

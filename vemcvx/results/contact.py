@@ -1,10 +1,10 @@
 """The contact boundary over time, from the results of a march.
 
-Let n be the normal of a contact node, u its displacement relative to its partner, and phi_i its hat function. The slip
-is (I - n n') u minus the motion of the ground. Normal forces are divided by int phi_i over the edges of contact, and
-friction forces by int phi_i over the edges with friction. Wear is friction work; the worn depth is proportional to wear
-(Archard 1953). One-sided contact with the force p_j is closed if p_j + c_j z_j >= 0. Here z_j is the normal
-displacement minus the gap, and c_j = n'An the stiffness of the node along its normal.
+A contact node has the normal n, the displacement u relative to its partner, and the hat function phi. The slip is
+(I - n n') u minus the motion of the ground. Pressure is normal force divided by int phi over the edges of contact.
+Traction is friction force divided by int phi over the edges with friction. Wear is friction work, and the worn depth is
+proportional to wear (Archard 1953). In one-sided contact, let p be the force, z the normal displacement minus the gap,
+and c = n'A n the stiffness of the node. The node is closed if p + c z >= 0.
 """
 
 from __future__ import annotations
@@ -90,12 +90,12 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def take(self, nodes: Ints) -> Contact:
-        """Return the contact at some contact nodes, given by positions in the arrays."""
+        """Return the contact at the nodes with the given positions."""
         sizes = {name: of.sizes for name, of in array_fields(Contact).items()}
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return, for each row, the position of its two nodes, in either order, in the arrays; -1 if there is none."""
+        """Return the positions of the node pairs of `rows`, with -1 for missing pairs."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         each = ((one.nodes, one.partners) for one in (self, rows))
         return find_in(*(pair_numbers(np.maximum(*pair), np.minimum(*pair), largest) for pair in each))
@@ -122,7 +122,7 @@ class Contact(ArrayRecord):
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """Return the contact boundary at the stored instants, given nodal displacements u and forces A u - f."""
+    """Return the contact boundary, given nodal displacements u and forces A u - f."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
@@ -159,7 +159,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return three arrays for the contact nodes: lengths (m,) with friction, forces (S, m, dim), cohesion (S, m)."""
+    """Return the lengths with friction, the friction forces and the cohesion of contact nodes."""
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
     if not given.any():
@@ -170,7 +170,7 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """Return the motion (S, m, dim) of the ground along the boundary; where grounds meet, a mean by length."""
+    """Return the motion of the ground along the boundary, averaged where grounds meet."""
     terms = posed.terms
     if terms.reported is None:
         return 0.0
@@ -198,7 +198,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # Tractions with given directions refer to other lengths than `length` below, so we do not recover them.
+    # Tractions with given directions refer to other lengths.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -212,25 +212,21 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
-    """Return the sums (S, m) of `values` (S, terms) at contact nodes per `length` (m,); 0 where `length` is 0."""
+    """Return the sums of `values` at contact nodes per length, or 0 for length 0."""
     total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     terms, weights = posed.terms, trajectory.weights
-    # The bound contains friction with given `directions` only at nodes that have no other friction.
+    # Friction with given directions counts only at nodes without other friction.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     return _per_length(weights, at, length)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
-    """Return True (S, m) for nodes that do not slide in the step that ends at a stored row.
-
-    Nodes with friction have the state of the certified answer. Other nodes stick if their slip stays constant in the
-    step. If the state before the step is not stored, other nodes stick if the solver did not iterate.
-    """
+    """Return True (S, m) for nodes that do not slide in the step before an instant."""
     sticking = np.ones(slip.shape[:2], dtype=bool)
     smooth = np.setdiff1d(np.arange(slip.shape[1]), at)
     for row, n in enumerate(trajectory.stored):
@@ -240,7 +236,7 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
         if row > 0 and trajectory.stored[row - 1] == n - 1:
             moved = np.abs(slip[row] - slip[row - 1]).max(axis=1)
             kept = moved <= 8 * EPS * np.abs(slip[row]).max()
-        else:
+        else:  # The state before the step is not stored.
             kept = np.full(slip.shape[1], trajectory.iterations[n] == 0)
         sticking[row, smooth] &= kept[smooth]
     return sticking

@@ -25,7 +25,7 @@ FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
-"""Size in an array's annotation -> dimension in datasets. Other names do not change; the number 2 becomes "of_2"."""
+"""Size in the annotation of an array -> dimension in datasets."""
 
 
 def table(history: Results, name: object) -> Columns:
@@ -48,7 +48,7 @@ def _steps(history: Results) -> Columns:
 
 
 def _contact(history: Results) -> Columns:
-    """Return every array of contact; an array constant in time, such as `normals`, becomes `normal` at every step."""
+    """Return the arrays of contact as columns, with constant arrays repeated at every step."""
     contact, steps = history.contact, len(history.stored)
     rows = [np.repeat(each, len(contact.nodes)) for each in (history.stored, history.times)]
     columns: Columns = {"step": rows[0], "time": rows[1], **_along(history)}
@@ -63,7 +63,7 @@ def _contact(history: Results) -> Columns:
 
 
 def _along(history: Results) -> Columns:
-    """Return columns with the piece of contact of each node, and the arc length on this piece; {} in space."""
+    """Return the piece of contact and the arc length of each node, or {} in space."""
     mesh, nodes = history.mesh, history.contact.nodes
     if not isinstance(mesh, PolygonMesh):
         return {}

@@ -65,7 +65,7 @@ UNHELD = "the motion of the whole body: nothing holds it and its loads balance, 
 
 @dataclass(frozen=True, kw_only=True)
 class PosedScene:
-    """A scene on a mesh, ready for `march(posed.system, times)`. The unknowns y determine u = P y + u_D(t)."""
+    """A scene on a mesh. The unknowns y determine the nodal displacements u = P y + u_D(t)."""
 
     scene: Scene
     space: Space
@@ -76,25 +76,25 @@ class PosedScene:
     obstacles: Obstacles
     surface: Surface  # contact nodes that supports do not hold
     material: Material
-    prestress: InitialStresses | None  # stresses at zero strain, one of `loads`; None if there are none
-    springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A; None if there are none
-    inactive: tuple[str, ...]  # a sentence for each friction whose bound is zero, and UNHELD if there are pins
+    prestress: InitialStresses | None  # stresses at zero strain, also in `loads`
+    springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A
+    inactive: tuple[str, ...]  # sentences on frictions that are zero, and UNHELD if there are pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects that act along the normals of curved boundaries
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
     laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
-    stops: Sequence[Obstacle]  # the obstacles that effects contribute; `obstacles` are the limits made of them
+    stops: Sequence[Obstacle]  # obstacles that effects contribute
     causes: Mapping[str, Ints]
-    """Kind ("supports", "frictions" or "obstacles") -> number of each one's effect in canonical order; -1 for pins."""
-    caused_loads: tuple[tuple[int, Load], ...]  # loads, each with the number of its effect
-    caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # springs to the ground, each with its effect's number
+    """Effect numbers of "supports", "frictions" and "obstacles"; -1 for pins."""
+    caused_loads: tuple[tuple[int, Load], ...]  # (effect number, load)
+    caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # (effect number, stiffness of springs)
     pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
 
     @cached_property
     def system(self) -> System:
-        """The system in free unknowns: K = P'A P, load P'(f - A u_D) of nodal loads f, B = B^ P of friction rows B^."""
+        """The system in free unknowns, with K = P'A P and the load P'(f - A u_D)."""
         A, supports, terms = self.A, self.supports, self.terms
-        # `frame` subtracts rigid motions, unless springs or the axis of revolution give them energy.
+        # Springs and axes of revolution give energy to rigid motions.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -134,7 +134,7 @@ class PosedScene:
         return f
 
     def at_rest(self, u: Floats) -> Floats:
-        """Return u (n_u,) without the rigid motion that moves the pins; u itself if there are no pins."""
+        """Return u (n_u,) without the rigid motion of the pins."""
         for pins in self.pins:
             values = pins.nodes * self.space.dim + np.argmax(pins.directions, axis=1)
             modes = rigid_modes(self.supports.points - pins.points.mean(axis=0))
@@ -144,14 +144,14 @@ class PosedScene:
 
 @contextmanager
 def suppress_scene_warnings() -> Iterator[None]:
-    """Suppress warnings about scenes inside the block, because the run has already issued them."""
+    """Suppress warnings about scenes inside the block."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)
         yield
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh. Drop frictions that are zero at all `times`; `between` serves to check balance."""
+    """Return a scene posed on a mesh, without frictions that are zero at all `times`."""
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
@@ -201,7 +201,7 @@ def _check_revolution(space: Space, material: Material) -> None:
 def _hold(
     space: Space, parts: Sequence[Contribution], springs: sp.csr_matrix | None
 ) -> tuple[Supports, tuple[Support, ...], list[list[Any]]]:
-    """Return supports with pins, the pins alone, and frictions, obstacles and surfaces with straightened normals."""
+    """Return supports, pins, and frictions, obstacles and surfaces with straightened normals."""
     holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     if space.axisymmetric:
@@ -211,14 +211,14 @@ def _hold(
     # Nodal frames have the normals of frictions and obstacles as axes.
     normals = (*kinds[0], *kinds[1])
     check_bonds(holds, normals)
-    # Pins do not fit the rigid motion of a body of revolution; `floating_motions` refuses such a body if it floats.
+    # `floating_motions` refuses bodies of revolution that float.
     floats = springs is None and not space.axisymmetric
     pins = find_pins((*holds, *normals), space.mesh.points) if floats else ()
     return resolve([*holds, *pins], normals, space.mesh.points), pins, kinds
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return the fields of PosedScene that name the effect of each support, friction, obstacle, load and spring."""
+    """Return the fields of PosedScene that hold effect numbers."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])
@@ -239,7 +239,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 
 
 def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
-    """Return the motions that only `rows` resist, with a warning, or a log entry if all move named bodies."""
+    """Return the motions that only `rows` resist, and warn of these motions."""
     kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
     if kernel is not None:
         words = (
@@ -265,7 +265,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
-    """Order the free unknowns by nested dissection of the sites, all unknowns of a site together."""
+    """Return the free unknowns in the order of a nested dissection of sites."""
     dim, n = points.shape[1], len(points)
     entries = np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr
     graph = sp.csr_matrix(entries, shape=(A.shape[0], n))[::dim]

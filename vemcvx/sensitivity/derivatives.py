@@ -1,26 +1,26 @@
 r"""Derivatives of a run with respect to parameters: the answer of each step is differentiated on its active sets.
 
 Let K be the stiffness, C the damping, f the loads, and A = [B; D] the rows of friction and limits, with the forces
-x = (lam, p). Friction has bounds w, and limits have gaps e and compliances c. Step n has the duration k. Motions of
-ground and supports add -b_n to the slips. The states y_n obey
+x = (lam, p). Let w be the friction bounds, e the gaps, c the compliances of limits, and k the duration of step n.
+Motions of ground and supports add -b_n to the slips. The states y_n obey
 
     K y_n + C (y_n - y_{n-1}) / k + A'x_n = f_n,    off_n = (B (y_n - y_{n-1}) - b_n,  D y_n - e_n - c p_n).
 
-Sticking terms and acting limits have off_n = 0, terms that slip by s have lam = w(p) s/|s|, and open limits have p = 0.
-All data may depend on a parameter; d marks derivatives by the parameter. Derivatives of data are central differences at
-fixed states. Let K_k = K + C / k and y_prev = y_{n-1}. Let H have the directions of slip as columns. The matrices P and
-Q, the unknowns z and the diagonal matrix `compliance` are those of Newton's method (:mod:`vemcvx.solvers.newton`) on
-the active sets of the answer. Then dy and dx = (dlam, dp) obey
+Sticking terms and acting limits have off_n = 0. Terms with the slip s have lam = w(p) s/|s|. Open limits have p = 0.
+All data may depend on a parameter, and d marks derivatives by the parameter. Derivatives of data are central
+differences at fixed states. Let K_k = K + C / k and y_prev = y_{n-1}. The columns of H are the directions of slip.
+Newton's method (:mod:`vemcvx.solvers.newton`) defines matrices P and Q, unknowns z and a diagonal matrix `compliance`
+for the active sets of the answer. Then dy and dx = (dlam, dp) obey
 
     K_k dy + A'dx = push,    dx = H dw + Q z,    P (A dy - (0; c dp) + off) = compliance z,
     push = -d(K y + C (y - y_prev) / k + A'x - f) + C dy_prev / k,    off = d off_n - (B; 0) dy_prev.
 
-The *forward* sweep solves these equations for each parameter, step by step. In the transposed equations P and Q are
-exchanged. The *adjoint* sweep solves the transposed equations backwards in time, once for a weighted sum of quantities
-and all parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
+The *forward* sweep solves these equations for each parameter, step by step. The *adjoint* sweep solves the transposed
+equations, with P and Q exchanged, backwards in time. One adjoint sweep differentiates a weighted sum of quantities by
+all parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
 
-Without dashpots, a step needs only the m unknowns of contact (:mod:`vemcvx.program.condensation`). Let column j of the
-matrix E be the state if unknown j is 1 and all others are 0. Then loads f are condensed to E'f.
+Without dashpots, a step needs only the m unknowns of contact (:mod:`vemcvx.program.condensation`). Column j of the
+matrix E is the state in which unknown j is 1 and all others are 0. Loads f are condensed to E'f.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ RELATIVE_STEP = 3e-5
 """Step of central differences, relative to the parameter; if the parameter is zero, the step itself."""
 
 Change = tuple[Any, Any, Any]
-"""The derivatives of push, off and w in one step: three matrices, dense or sparse, with one column per parameter."""
+"""The derivatives of push, off and w in one step, with one column per parameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +72,10 @@ class LinearStep:
     compliance: Floats
     H: sp.csr_matrix  # (rows, m) directions of slipping terms
     memory: Any  # C / k; 0 without dashpots
-    recalls: Floats  # (rows, 1): 1 for rows that contain y - y_prev (friction, dashpots), 0 for rows that contain y
+    recalls: Floats  # (rows, 1) 1 for rows of y - y_prev, 0 for rows of y
 
     def forward(self, change: Change, before: Floats) -> tuple[Floats, Floats]:
-        """Return dy (unknowns, P) and dx (rows, P) of this step; `before` is dy of the previous step."""
+        """Return dy and dx of this step, given dy of the previous step."""
         push, off, w = (x if isinstance(x, np.ndarray) else x.toarray() for x in change)
         A, given = self.delassus.operators.A, self.H @ w
         push, off = push + self.memory @ before - A.T @ given, off - self.recalls * (A @ before)
@@ -83,13 +83,13 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of a sum J of quantities by push, off, w and y_prev from dJ/dy and dJ/dx."""
+        """Return the derivatives of J by push, off, w and y_prev, given dJ/dy and dJ/dx."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
 
     def _solve(self, push: Floats, off: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix) -> tuple[Floats, Floats]:
-        """Solve K_k y + A'x = push and P (A y - (0; c p) + off) = compliance z for y and x = (lam, p) = Q z."""
+        """Return y and x = Q z with K_k y + A'x = push, P (A y - (0; c p) + off) = compliance z."""
         delassus, A, solve = self.delassus, self.delassus.operators.A, self.delassus.operators.factor.solve
         M = build_matrix(np.asarray(delassus.W), delassus.R, P, Qt, self.compliance)
         u, count = delassus.u[:, None], P.shape[0]
@@ -131,7 +131,7 @@ class Sensitivities:
     _steps: dict[int, LinearStep] = field(repr=False)
     _rows: Gradients = field(repr=False)
     _changes: Sequence[Change] = field(repr=False)
-    _explicit: Floats = field(repr=False)  # (Q, N + 1, P) derivatives of quantities at fixed unknowns of the steps
+    _explicit: Floats = field(repr=False)  # (Q, N + 1, P) derivatives at fixed unknowns
 
     @cached_property
     def jacobian(self) -> Floats:
@@ -168,7 +168,7 @@ class Sensitivities:
         return found
 
     def _sum_losses(self, rows: Floats) -> Floats:
-        """Return `rows`, but cumulative sums of the rows of "dissipated", which hold increments."""
+        """Return `rows` with cumulative sums of the increments of "dissipated"."""
         names = zip(self.of, rows, strict=True)
         return np.array([np.cumsum(row, axis=0) if name == "dissipated" else row for name, row in names])
 
@@ -279,7 +279,7 @@ def sensitivities(
 
 
 def read_parameters(raw: ArrayLike, subject: str) -> Floats:
-    """Return parameters (P,); raise SceneError for anything else."""
+    """Return parameters (P,). Raise SceneError for anything else."""
     found = finite(as_real_array(raw, subject, "numbers (P,)"), subject)
     return as_shaped_array(found, subject, "numbers (P,)", (found.size,))
 
@@ -298,7 +298,7 @@ def _refuse(posed: PosedScene) -> None:
 
 
 def _unit_states(run: PreparedRun) -> Any:
-    """Return the matrix E (n, m) of the head of this module."""
+    """Return the matrix E (n, m)."""
     condensation, n, m = run.condensation, run.system.n, len(run.condensation.retained)
     if condensation.whole:
         return sp.eye_array(n, format="csr")
@@ -339,7 +339,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, p: Floats, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the changes of all steps. With S = shapes(x), w is S @ theta times lengths, or times normal forces."""
+    """Return the changes of all steps, if `theta` determines friction bounds only."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed
@@ -357,11 +357,7 @@ def _field_changes(
 
 
 def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
-    """Return the linearised step of each step number, and the mask `Sensitivities.one_sided`.
-
-    Let W (:mod:`vemcvx.program.forces`) have a unit diagonal. An error E in the energy norm then causes errors of about
-    E in slips and gaps, and of at most E (W^{-1})_jj^{1/2} in the force of row j.
-    """
+    """Return step number -> linearised step, and the mask `Sensitivities.one_sided`."""
     system, found = run.system, history.trajectory
     count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)
     rates = np.zeros(0) if system.limits is None else system.limits.rates
@@ -372,6 +368,7 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
         delassus = frame.prepared.newton.delassus
         if not isinstance(W := delassus.W, np.ndarray):
             raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
+        # An error a in the energy norm changes force j by at most a (W^{-1})_jj^{1/2}.
         return delassus, np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
 
     steps, one_sided = dict[int, LinearStep](), np.zeros(len(found.times), dtype=bool)

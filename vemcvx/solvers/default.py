@@ -26,11 +26,11 @@ class Solves(Protocol):
 
     @property
     def solve(self) -> Callable[..., Any]:
-        """The method (program, target) that solves one scaled step up to a duality gap of `target`."""
+        """The method solve(program, target): one scaled step, up to the duality gap `target`."""
 
 
 def as_solver(given: Solver | Solves) -> Solver:
-    """Return a Solver unchanged, and wrap any other object with `solve`; raise SceneError for everything else."""
+    """Return a Solver unchanged, and wrap any other object with a method `solve`."""
     if isinstance(given, Solver):
         _features(given.accepts, given.name)
         return given
@@ -43,7 +43,7 @@ def as_solver(given: Solver | Solves) -> Solver:
 
 
 def _features(accepts: Any, name: str) -> frozenset[str]:
-    """Return the features that a solver accepts; raise SceneError for words that name no feature."""
+    """Return the features that a solver accepts. Raise SceneError for unknown features."""
     several = isinstance(accepts, (set, frozenset, list, tuple))
     if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
         there_are = ", ".join(map(repr, sorted(FEATURES)))
@@ -63,7 +63,7 @@ class AdaptedSolver(Solver):
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
-        """Return the name, and public numbers and strings of the object; the text is the same in every process."""
+        """Return the name and public settings, the same text in every process."""
         own = {name: value for name, value in getattr(self._own, "__dict__", {}).items() if name[0] != "_"}
         plain = {name: value for name, value in own.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
@@ -77,7 +77,7 @@ class AdaptedSolver(Solver):
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step, from the predicted multipliers if `solve` has parameters for them."""
+        """Solve one scaled step, from given multipliers if the user's method takes multipliers."""
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         more = list(inspect.signature(self._own.solve).parameters)[2:]
         given = {name: begin[name] for name in ("lam", "p") if name in more}
@@ -112,15 +112,15 @@ class Direct(Solver):
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
 
 
-PATIENCE = 12  # The fixed-point iteration stops if so many programs in a row do not halve the least gap.
+PATIENCE = 12  # Number of programs without a halved gap, after which the fixed-point iteration stops.
 
 
 @dataclass(frozen=True, eq=False)
 class RunSolver:
-    """A solver prepared for the steps of a run; their weights are given, or follow from a law of friction.
+    """A solver prepared for the steps of a run.
 
-    Newton's method solves steps with a law directly. Other solvers solve programs with given weights in a fixed-point
-    iteration: from each answer, one step of `newton` leads to the next weights.
+    Weights are given, or follow from a law of friction. Newton's method solves steps with a law directly. Other solvers
+    use a fixed-point iteration: one step of `newton` from each answer gives the next weights.
     """
 
     solver: Solver
@@ -129,7 +129,7 @@ class RunSolver:
 
     @classmethod
     def prepare(cls, solver: Solver, operators: Operators) -> RunSolver:
-        """Prepare a solver; raise NotAccepted if K has a kernel and the solver needs a definite K."""
+        """Prepare a solver. Raise NotAccepted for a singular K that it does not accept."""
         if operators.kernel is not None and not solver.semidefinite:
             raise NotAccepted(
                 f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "
@@ -142,7 +142,7 @@ class RunSolver:
 
     @cached_property
     def second(self) -> RunSolver:
-        """The solver for a second attempt: Clarabel after Newton's method, else self; cvxpy gets other settings."""
+        """The solver for a second attempt: Clarabel after Newton, cvxpy with other settings, else self."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
         if not isinstance(solver, ThroughCvxpy):
             return self
@@ -151,12 +151,12 @@ class RunSolver:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve one step. Under a law, return the answer of least gap; its gap refers to the weights that it causes."""
+        """Return the answer to one step, with the least gap found under a law."""
         if self.prepared is self.newton:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
             return read_answer(self.prepared.solve(program, target, lam, p), program, self.solver.name)
-        # Earlier weights may be too small to hold a body without supports: begin with the sum of all loads.
+        # Earlier weights may be too small to hold a body without supports.
         floats = program.operators.kernel is not None
         w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w
         best, least, waited, iterations = None, np.inf, 0, 0
@@ -171,14 +171,14 @@ class RunSolver:
                 best, least = answer, gap
             if least <= target or waited == PATIENCE:
                 return replace(best, iterations=iterations)
-            # If the gap was not halved, take the weights for the answer, without a Newton step: this breaks cycles.
+            # If the gap was not halved, omit the Newton step: this breaks cycles.
             ahead = answer if waited else self.newton.solve_from(program, law, answer)
             w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Repeat a step that missed its target by `second`; after Clarabel also run Newton. Return the best answer."""
+        """Return the best answer of a second attempt at a step that missed its target."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:
@@ -189,13 +189,13 @@ class RunSolver:
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
-# The first of these that accepts a program is its default solver.
+# The default is the first of these solvers that accepts the program.
 
 log = logging.getLogger("vemcvx")
 
 
 def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
-    """Return the given solver, or the default; raise NotAccepted if the given solver does not accept the programs."""
+    """Return the given solver or the default. Raise NotAccepted if a feature is not accepted."""
     if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the default for %s", solver.name, name_features(operators.features))

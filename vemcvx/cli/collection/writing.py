@@ -36,10 +36,10 @@ from vemcvx.results import programs_of_steps
 from vemcvx.scene import suppress_scene_warnings
 from vemcvx.solvers import Newton
 
-VERSION = 5  # Version of the list below: a new number whenever an instance changes, even if no name changes.
+VERSION = 5  # Increase this number whenever an instance changes, even if no name changes.
 MANIFEST, OPTIMA, SCRIPT = "manifest.json", "optima.csv", "confirm.py"
 TEXTS = "README.md", "LICENSE.txt", "CITATION.cff"
-"""Files in this folder that are copied into a collection, with its version numbers filled in."""
+"""Files of this folder that are copied into a collection, with version numbers filled in."""
 ACCURACY = 1e-14  # The requested accuracy of optima, smaller than rounding errors.
 INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
@@ -55,9 +55,9 @@ class CollectionInstance:
     step: int
     settings: tuple[str, ...] = ()  # parameters of the scene, "name=value"
     condense: bool = True
-    degenerate: bool = False  # the weight of each sticking term is lowered to the norm of its multiplier
+    degenerate: bool = False  # True if weights of sticking terms are lowered to |lam|
     without: str = ""  # reason why there is no optimum: INFEASIBLE or UNBOUNDED
-    steps: int = 1  # number of steps of a sequence that ends with `step`
+    steps: int = 1  # length of a sequence that ends with `step`
 
     @property
     def name(self) -> str:
@@ -177,7 +177,7 @@ FEWER = dict.fromkeys(("easy", "soft", "viscous", "units", "incompressible"), 2)
 
 
 def _choose_core() -> frozenset[str]:
-    """Return the names in the core set: three of each grade, or the number in FEWER, evenly spaced in INSTANCES."""
+    """Return the names of the core set: a few evenly spaced instances of each grade."""
     found: list[str] = []
     for grade in dict.fromkeys(one.grade for one in INSTANCES):
         own, k = [one.name for one in INSTANCES if one.grade == grade], FEWER.get(grade, 3)
@@ -198,7 +198,7 @@ class Collection:
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-        # The log would report features of scenes that are intended here.
+        # Hide log entries on intended features of scenes.
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
@@ -210,7 +210,7 @@ def write_collection(
     instances: Sequence[CollectionInstance] = (*INSTANCES, *SEQUENCES),
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
-    """Make every instance, write its files, a manifest and the script, and return a summary in words."""
+    """Write the files of all instances, and return a summary in words."""
     rows = list[dict[str, Any]]()
     with Owned(folder) as files:
         for done, (instance, solved) in enumerate(_make_programs(instances)):
@@ -256,7 +256,7 @@ def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram]) -> di
         program, proof = _variant(instance, solved[0])
         files = encode_program(program, "npz")
         return {**files, ".json": in_json({**json.loads(files[".json"]), **proof})}
-    # In the JSON of a sequence, values are sums over all steps, and errors are the largest of all steps.
+    # The JSON of a sequence has sums of values, and the largest errors.
     each = [description(program) for program in solved]
     optima = [words["optimum"] for words in each]
     sums = {name: sum(one[name] for one in optima) for name in ("value", "low", "high")}
@@ -265,7 +265,7 @@ def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram]) -> di
 
 
 def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[CollectionInstance, list[SolvedProgram]]]:
-    """Yield each instance with the programs of its steps; a run is simulated once for all of its instances."""
+    """Yield each instance with the programs of its steps."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
@@ -280,9 +280,9 @@ def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[Co
 
 
 def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
-    """Return the program of an instance, and status and certificate if it has no optimum."""
+    """Return the program of an instance, and a proof if there is no optimum."""
     if instance.degenerate:
-        # A term sticks if its slip is at most SAME * (largest slip). Its weight becomes the norm of its multiplier.
+        # Lower the weights of sticking terms to the norms of multipliers.
         size = np.linalg.norm(program.slip(program.answer.d), axis=1)
         lower = np.where(size <= SAME * size.max(initial=0.0), np.linalg.norm(program.answer.lam, axis=1), program.w)
         return replace(program, w=np.minimum(lower, program.w)), {}
@@ -293,10 +293,9 @@ def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[Step
 
 
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a new limit that contradicts the first limit, and multipliers that prove infeasibility.
+    """Return the program with a limit that contradicts its first limit, and multipliers as proof.
 
-    The new limit is -D_1 d <= -e_1 - o, where o > 0 is the largest |e_j|, or |d_i| if e = 0. Its sum with the first
-    limit D_1 d <= e_1 is 0 <= -o.
+    The sum of the two limits D_1 d <= e_1 and -D_1 d <= -e_1 - overlap is 0 <= -overlap.
     """
     operators = program.operators
     D = sp.csr_matrix(sp.vstack([operators.D, -operators.D[:1]]))
@@ -308,9 +307,9 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 
 
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a larger load g, and a kernel motion r that proves that it is unbounded.
+    """Return the program with a larger load g, and a motion r as proof.
 
-    K r = 0, D r <= 0 and g'r > sum_i w_i |B_i r|, so the objective at s r has no lower bound as s grows.
+    K r = 0, D r <= 0 and g'r > sum_i w_i |B_i r|: the objective has no lower bound along r.
     """
     operators = program.operators
     assert operators.kernel is not None

@@ -1,11 +1,11 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
-Lines (in space: polygons) on the boundary are cells of a grid, too. A named set of them becomes a named part of the
-boundary, which files keep as a cell datum "boundary:<name>". Named sets of other cells become cell data. In both cases,
-the cell datum is 1 in the set and 0 outside.
+Boundary edges (in space: boundary faces) are cells of a grid, too. A named set of boundary cells becomes a boundary of
+the mesh. Files store a boundary as a cell datum "boundary:<name>". A named set of other cells becomes a cell datum.
+Such cell data are 1 in the set and 0 outside.
 
-An interface of two bodies is stored as two boundaries: edges or faces of the first body under the name of the
-interface, and the coinciding nodes of the second body under "partners:<first>:<second>:<name>".
+An interface of two bodies is stored as two boundaries. The boundary "<name>" has edges or faces of the first body. The
+boundary "partners:<first>:<second>:<name>" has the coinciding nodes of the second body.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # cells of higher order, such as "triangle6", list their corners first
+DIGITS = "0123456789"  # end of the names of cells of higher order, such as "triangle6"
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
 """Neighbours of vertex 0 along edges, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""Kind of a solid and number of nodes at its bottom, by its numbers of (nodes, faces, triangular faces)."""
+"""Numbers of (nodes, faces, triangular faces) -> kind of solid, and number of nodes at the bottom."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Grid:
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,): the cells of the mesh, solids or else polygons; and the cells that may be on its boundary."""
+        """Masks (k,) of the cells of the mesh, and of cells that may be on its boundary."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
@@ -73,7 +73,7 @@ class Grid:
         return bool(np.isin(self.kinds, SOLIDS).any())
 
     def select(self, cells: Ints) -> Grid:
-        """Return the grid of the cells with the given numbers, in this order."""
+        """Return the grid of the given cells, in this order."""
         offsets, vertices = rows_in_order(self.offsets, self.vertices, cells)
         data, sets = ({name: x[cells] for name, x in of.items()} for of in (self.data, self.sets))
         return replace(self, kinds=self.kinds[cells], offsets=offsets, vertices=vertices, data=data, sets=sets)
@@ -81,7 +81,7 @@ class Grid:
 
 @contextlib.contextmanager
 def translate_errors(subject: str, failure: str) -> Iterator[None]:
-    """Raise MeshError in place of any error and of sys.exit inside the block; hide the output of other libraries."""
+    """Raise MeshError for any error or exit inside the block, and hide printed output."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -94,7 +94,7 @@ def translate_errors(subject: str, failure: str) -> Iterator[None]:
 
 
 def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
-    """Return the mesh of a grid, with warnings; name its straight sides if no part of the boundary has a name."""
+    """Return the mesh of a grid. If no boundary has a name, name straight sides."""
     with translate_errors(subject, "holds no valid mesh"), quietly() as caught:
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
@@ -107,7 +107,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the grid of a mesh; without `polyhedra`, refuse solids that are not among SHAPES."""
+    """Return the grid of a mesh; `polyhedra` permits solids of any shape."""
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
@@ -138,7 +138,7 @@ def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
 
 
 def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
-    """List the nodes of the edges or faces of all named boundaries, and the partners at interfaces."""
+    """Return the edges or faces of named boundaries, and the partners at interfaces."""
     named = {name: mesh._places(part) for name, part in mesh.boundaries.items() if name != WHOLE}
     rows = {name: rows_in_order(*mesh._outlines, places) for name, places in named.items()}
     for name, found in mesh.interfaces.items():
@@ -148,14 +148,14 @@ def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
 
 
 def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """Return kinds, offsets and vertices of cells; vertices run around the bottom of a cell, then around the top."""
+    """Return kinds, offsets and vertices of cells, bottom vertices before top vertices."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
         bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
-        # normals of faces point outwards, so one directed edge leads up from each node of the bottom
+        # one directed edge leads up from each node of the bottom
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):
@@ -169,7 +169,7 @@ def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Int
 
 
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh of the solids, or else of the polygons, and notes on parts left out."""
+    """Return the mesh of a grid, and notes on omitted parts."""
     grid = keep_corners(grid)
     _check_kinds(grid)
     inner, outer = grid.bounding
@@ -217,7 +217,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
-    """Return the grids of bodies by name; `source` describes the origin of bodies in error messages."""
+    """Return the grids of bodies by name; `source` is a noun for messages."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -268,10 +268,10 @@ def _check_kinds(grid: Grid) -> None:
 
 
 def _plane(points: Floats, used: Ints) -> Floats:
-    """Return the points without their third coordinate, if they have one; raise MeshError if it is not constant."""
+    """Return the points without z. Raise MeshError if z is not constant."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        # A mesh that another program rotated is plane up to rounding. The checks of the mesh report invalid points.
+        # Rotated meshes are plane up to rounding; later checks report invalid node numbers.
         x = points.take(used, axis=0, mode="clip")
         if np.ptp(x[:, 2]) > SAME * np.nanmax(np.abs(x - x[0]), initial=0.0):
             raise MeshError(
@@ -283,7 +283,7 @@ def _plane(points: Floats, used: Ints) -> Floats:
 
 
 def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
-    """Remove the interfaces from the named parts of a file, and return them."""
+    """Remove interfaces from `parts`, and return the interfaces."""
     found = {}
     for key in [name for name in parts if name.startswith(PARTNERS) and name.count(":") > 2]:
         first, second, name = key.removeprefix(PARTNERS).split(":", 2)
@@ -295,7 +295,7 @@ def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
 
 
 def _solids(grid: Grid, cells: Ints) -> FaceLists:
-    """Return the faces of the solids with the given numbers, in this order."""
+    """Return the faces of the given solids, in this order."""
     lists, numbers = [], []
     for kind in np.unique(grid.kinds[cells]).tolist():
         members = np.flatnonzero(grid.kinds == kind)
@@ -309,7 +309,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
         faces = FACES[kind]
         offsets = offsets_of(np.tile([len(face) for face in faces], len(corners)))
         vertices = corners[:, np.concatenate(faces)].ravel()
-        # Files list the nodes of a solid in either orientation. The checks of the mesh report nodes that do not exist.
+        # Files list the nodes of solids in either orientation.
         x = np.asarray(grid.points, dtype=float).take(corners[:, (0, *EDGES[kind])], axis=0, mode="clip")
         backwards = np.linalg.det(x[:, 1:] - x[:, :1]) < 0.0
         vertices = reverse_rows(offsets, vertices, np.repeat(backwards, len(faces)))
@@ -325,7 +325,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
 
 
 def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh with named parts of its boundary, and notes on parts that are not on the boundary."""
+    """Return the mesh with named boundaries, and notes on parts outside the boundary."""
     notes, boundaries = list(grid.notes), {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map

@@ -1,7 +1,4 @@
-"""Drawing with matplotlib, which only this file imports.
-
-Figures are made through matplotlib's objects, not through pyplot; so they need no window, global state or display.
-"""
+"""Drawing with matplotlib, without pyplot: figures need no window and no display."""
 
 from __future__ import annotations
 
@@ -30,13 +27,13 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """Return an empty figure of this size in inches; raise VemcvxError without matplotlib."""
+    """Return an empty figure; width and height are in inches."""
     wide, high = usual_page()
     return _figure_class()(figsize=(width or wide, height or high), layout="constrained")
 
 
 def usual_page() -> tuple[float, float]:
-    """Return matplotlib's default width and height of a figure in inches; raise VemcvxError without matplotlib."""
+    """Return matplotlib's default width and height of figures, in inches."""
     try:
         import matplotlib.figure
     except ImportError:
@@ -52,7 +49,7 @@ def _figure_class() -> type[Figure]:
 
     class NotebookFigure(Figure):
         def draw(self, renderer: Any) -> None:
-            # Each pass of the layout resizes axes of fixed aspect; after only one pass, labels may be cut off.
+            # After a single pass of the layout, labels may be cut off.
             for layout in filter(None, 2 * [self.get_layout_engine()]):
                 layout.execute(self)
             super().draw(renderer)
@@ -67,7 +64,7 @@ def _figure_class() -> type[Figure]:
 
 
 def in_words(figure: Figure) -> str:
-    """Return the titles and axis labels of a figure in words, for prompts and as alternative text."""
+    """Return the titles and axis labels of a figure, as alternative text."""
     titles = [figure.get_suptitle()]
     for ax in figure.axes:
         graph = " over ".join(filter(None, (ax.get_ylabel(), ax.get_xlabel())))
@@ -77,19 +74,19 @@ def in_words(figure: Figure) -> str:
 
 
 def as_png(figure: Figure, dpi: float | None = None) -> bytes:
-    """Return a figure as the contents of a PNG file, in its own resolution by default."""
+    """Return the contents of a PNG file of a figure."""
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi="figure" if dpi is None else dpi)
     return picture.getvalue()
 
 
 def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:
-    """Return the given axes, or the axes of a new figure of this size in inches."""
+    """Return `ax`, or the axes of a new figure."""
     return new_figure(width, height).add_subplot() if ax is None else ax
 
 
 def row_of_axes(count: int, width: float, height: float) -> list[Axes]:
-    """Return axes side by side in a new figure, each of this size in inches."""
+    """Return `count` axes side by side in a new figure."""
     return list(new_figure(count * width, height).subplots(1, count, squeeze=False)[0])
 
 
@@ -99,7 +96,7 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def legend_below(ax: Axes) -> None:
-    """Draw the legend inside the axes, or below axes that are alone in their figure or show a colour scale."""
+    """Draw the legend, if possible below the axes."""
     figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
     if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
         figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
@@ -110,14 +107,14 @@ def legend_below(ax: Axes) -> None:
 
 
 def legend_under(ax: Axes, columns: int = 3) -> None:
-    """Draw the legend below axes, whether or not the figure has other axes."""
-    # The pad of 4.5 font sizes leaves room for tick labels and axis labels, however flat the axes are.
+    """Draw the legend below the axes."""
+    # 4.5 font sizes leave room for tick labels and axis labels.
     drawn = ax.legend(frameon=False, fontsize="small", ncols=columns, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
 
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
-    """Return a film writer of the kind "pillow" or "ffmpeg", for `rate` frames per second, or raise VemcvxError."""
+    """Return matplotlib's film writer "pillow" or "ffmpeg"; `rate` is in frames per second."""
     from matplotlib.animation import writers
 
     if not writers.is_available(kind):
@@ -127,7 +124,7 @@ def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
 
 
 def distinct(colours: Sequence[str]) -> ListedColormap:
-    """Return a colour map that consists of these colours, in steps of equal width."""
+    """Return a colour map that consists of these colours."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(list(colours))
@@ -147,7 +144,7 @@ def light_grid(ax: Axes, *, axis: Literal["x", "y", "both"] = "both") -> None:
 
 
 def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Label a logarithmic axis at `digits` times powers of ten, by plain numbers: 5, not 5 x 10^0."""
+    """Label a logarithmic axis by plain numbers, such as 5 instead of 5 x 10^0."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=digits))
@@ -158,31 +155,31 @@ def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> N
 def draw_arrows(
     ax: Axes, places: Floats, vectors: Floats, *, colour: object, pivot: Literal["tip", "mid"], width: float
 ) -> Quiver:
-    """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
+    """Draw vectors as arrows, in units of the axes."""
     from matplotlib.patheffects import withStroke
 
-    # A white rim separates arrows from cells of any colour. With minlength 0, short arrows are not drawn as dots.
+    # With minlength 0, short arrows are not drawn as dots.
     look: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.0, foreground="white")]}
     look |= {"pivot": pivot, "width": width, "minlength": 0.0, "zorder": 3}
     return ax.quiver(*places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **look)
 
 
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:
-    """Fill polygons (k, n, 2), each in its own colour, without outlines."""
+    """Fill polygons (k, n, 2) without outlines."""
     from matplotlib.collections import PolyCollection
 
-    # Thin lines in the colour of each polygon close the seams between neighbours.
+    # Thin lines close the seams between neighbouring polygons.
     drawn = PolyCollection(list(corners), facecolors=colours, edgecolors="face", linewidths=0.3, zorder=1)
     ax.add_collection(drawn)
     return drawn
 
 
 PointedEnds = Literal["neither", "both", "min", "max"]
-"""Ends of a colour bar that are pointed, because some values lie beyond the scale."""
+"""The ends of a colour bar beyond which some values lie."""
 
 
 def find_pointed_ends(values: Floats, ends: tuple[float, float]) -> PointedEnds:
-    """Return the ends of a colour scale beyond which some of the values lie, by more than rounding."""
+    """Return the ends of a colour scale beyond which some values lie."""
     slack = 1e-6 * (ends[1] - ends[0])
     below, above = (bool((sign * (values - end) > slack).any()) for sign, end in zip((-1, 1), ends, strict=True))
     return "both" if below and above else "min" if below else "max" if above else "neither"
@@ -194,7 +191,7 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str, extend: PointedEnds
 
 
 def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMappable:
-    """Return a map from numbers between `limits` to colours, for the colour bar of a drawing."""
+    """Return a map from the numbers between `limits` to colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -204,7 +201,7 @@ def scale_of(colours: str | Colormap, limits: tuple[float, float]) -> ScalarMapp
 def draw_cells(
     points: Floats, offsets: Ints, vertices: Ints, values: Floats | None, ax: Axes | None, style: Mapping[str, object]
 ) -> Axes:
-    """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values`` (n_cells,)."""
+    """Draw the cells of a mesh, with a colour bar if there are values."""
     width, height = np.ptp(points, axis=0)
     if ax is None:
         wide = usual_page()[0]
@@ -224,9 +221,9 @@ def draw_cells(
 
 
 def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> Colorbar:
-    """Draw and return a colour bar of cells that is as high as the body."""
+    """Draw and return a colour bar as high as the axes."""
     from matplotlib.ticker import MaxNLocator
 
-    # With more ticks, labels would be cut off, or overlap on flat bodies.
+    # On flat bodies, the labels of more ticks would overlap.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)

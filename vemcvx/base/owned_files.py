@@ -1,8 +1,7 @@
 """Files of this package in a folder that may also contain foreign files.
 
-The file ``.vemcvx`` lists the files that we created in the folder, one name per line. A name is listed before its file
-is created. No other file is ever written to or deleted, and no link is followed. A process locks the list while it uses
-the folder.
+The file ``.vemcvx`` lists the files that the package created in the folder, one name per line. Files that are not
+listed are never changed. A process that uses the folder locks the list.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ FIRST_LINE = "vemcvx files 1"
 
 
 class Owned:
-    """The files of this package in a folder, which is created if needed; call `close`, or use a ``with`` statement."""
+    """The files of this package in a folder; `close` releases the folder."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -51,7 +50,7 @@ class Owned:
         self.close()
 
     def take(self, name: str) -> Path:
-        """Return the path of a file, and list it; raise HistoryError if a foreign file has this name."""
+        """List a file and return its path; raise HistoryError for a foreign file."""
         path = self.path / name
         if os.path.lexists(path) and not (name in self.names and _is_file(path)):
             raise self._foreign(name)
@@ -84,7 +83,7 @@ class Owned:
         self.names = []
 
     def close(self) -> None:
-        """Close the list and release the lock; delete an empty list, and a folder without other files."""
+        """Close the list and release the lock."""
         if not (self.names or self._list.closed):
             with contextlib.suppress(OSError):  # Windows cannot delete an open file.
                 (self.path / LIST).unlink()
@@ -100,7 +99,7 @@ class Owned:
 
 
 def path_of(raw: object, subject: str) -> Path:
-    """Return `raw` as a Path; raise HistoryError if it is not a path."""
+    """Return `raw` as a Path, or raise HistoryError."""
     try:
         text = os.fspath(raw) if isinstance(raw, (str, os.PathLike)) else None
         if isinstance(text, str) and text and b"\0" not in os.fsencode(text):
@@ -115,7 +114,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock an open file and rewind it; raise HistoryError if another process has locked or deleted it."""
+    """Lock an open file; raise HistoryError if another process uses it."""
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -1,13 +1,13 @@
 """Laws of friction. The weight w of a node is its largest possible friction force.
 
-In Tresca's law the weights are given. Other laws compute them from the normal forces p (Coulomb: w = mu p), from slips
-before the step, from the slip s of the step, or from the slip rate |s| / k of a step of duration k. Weights may then
-depend on the answer of the step. With these weights held fixed, the answer solves a convex program. The certificate
-holds for this program; its kind is called "for the given friction".
+Tresca's law prescribes the weights. Coulomb's law w = mu p computes weights from the normal forces p. Other laws use
+earlier slips, the slip s of the step, or the slip rate |s| / k, where k is the duration of the step. If weights depend
+on the answer of the step, the certificate holds for the convex program with fixed weights. The kind of this certificate
+is "for the given friction".
 
-If weights do not depend on p, and do not fall as the slip grows (`softening` = 0), the step is a convex program with
-terms phi(|s|) in place of w |s|. Here phi(r) = int_0^r w(q) dq, and w(q) is the weight at a slip of length q. Then the
-certificate bounds the error of the step (proof: docs/theory/coulomb.md).
+If weights do not depend on p and never fall with the slip (`softening` = 0), the step itself is a convex program: the
+term phi(|s|) = int_0^|s| w(q) dq replaces w |s|. The certificate then bounds the error of the step (proof:
+docs/theory/coulomb.md).
 """
 
 from __future__ import annotations
@@ -26,27 +26,26 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    The law of an effect computes m weights, one per row, from the normal forces p (m,) of the same rows. The law of a
-    system computes the weights of all m norm terms from the forces p (r,) of all r limits; its slope is (m, r).
+    In an effect, p has m entries, one per weight. In a system, p has the forces (r,) of all limits, and there is one
+    weight per norm term.
 
     Parameters
     ----------
     weights : callable (t, p, past, slip) -> (m,)
-        Weights >= 0 for forces p >= 0; `past` (m,) is the sum of |slip| over earlier steps, `slip` (m,) is |slip| of
-        the step.
+        Weights >= 0 for normal forces p >= 0. `past` (m,) is the sum of |slip| over earlier steps; `slip` (m,) is
+        |slip| of the step.
     softening : number or (m,) array, optional
-        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. A step has
-        one solution if the decrease is small (:mod:`vemcvx.stepping.refusals`). None means unknown: no check is made.
+        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. If it is
+        None, no check is made that a step has one solution (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
         True if weights depend on normal forces; an effect then needs one-sided contact on the same boundary. If False,
-        p is an empty array in an effect.
+        an effect gets an empty array p.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
         The derivative dw/dp; at kinks, the derivative towards larger p. Omit it if weights depend on `slip`.
     slips : bool
-        True if weights depend on `past` or `slip`. If False, both are empty arrays in an effect, and zeros in a system.
+        True if weights depend on `past` or `slip`. If False, `past` and `slip` are empty in effects, zero in systems.
     rates : bool
-        True if `slip` is the slip rate, |slip| over the duration of the step; it is zero at the initial instant. Then
-        `softening` is the largest decrease of weights per unit of this rate.
+        True if `slip` is the slip rate, zero at the initial instant; `softening` is then per unit slip rate.
 
     Raises
     ------

@@ -1,14 +1,12 @@
 """Explicit displacements inside polygons, in place of virtual functions.
 
-Such a displacement is linear on the edges of the mesh, like a virtual function. In a cell it is continuous, and of
-degree 2 on each part of the split fan (:mod:`.fan`). Degree 2 does not lock (Scott and Vogelius on Alfeld's split).
-Among these functions the displacement has the least value of energy minus work of the body force.
+In each cell the displacement is continuous, and of degree 2 on every part of the split fan (:mod:`.fan`). Degree 2
+does not lock on this split (Scott and Vogelius on Alfeld's split). The displacement minimises energy minus work of the
+body force, for given values at the vertices and edge midpoints of the polygon, the outline.
 
-A triangle has ten nodes: its corners 0 to 2, the middles 3 to 5 of its edges, its centroid 6, and the middles 7 to 9
-between corners and centroid. Edge k goes from corner k to corner k + 1. Nodes 6 to 9 are condensed first, then the
-centre of the fan and the middles of spokes (edges to the centre). The outline remains: the vertices of the polygon and
-the middles of its edges. Let x be the values on the outline and the coefficients of the body force. With the form M of
-the cell (:mod:`.fan`), the least value is x'M x / 2.
+A triangle of the fan has ten nodes: corners 0 to 2, edge midpoints 3 to 5, centroid 6, and midpoints 7 to 9 between
+corners and centroid. Edge k goes from corner k to corner k + 1. All nodes inside the polygon are condensed. Let x be
+the values on the outline and the coefficients of the body force. The least value is x'M x / 2, with a matrix M.
 """
 
 from __future__ import annotations
@@ -34,33 +32,30 @@ from vemcvx.bound.fan import (
 from vemcvx.bound.stress import VOIGT
 
 NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in range(3)])
-"""The numbers (3, 6) of the nodes at the six stations of each part, see :mod:`.fan`."""
+"""Node numbers (3, 6) at the stations of each part (:mod:`.fan`)."""
 
 
 def _extend(values: Floats, part: int) -> Floats:
-    """Return values (..., 10) of all functions of the triangle on a part, where only six functions are nonzero."""
+    """Return the values of all ten functions of a triangle on one part."""
     found = np.zeros((*values.shape[:-1], 10))
     found[..., NODES[part]] = values
     return found
 
 
 VALUES = np.concatenate([_extend(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
-"""The ten Lagrange functions phi_i of the triangle at the points of `RULE`, (21, 10)."""
+"""The values (21, 10) of the ten Lagrange functions phi_i at the points of `RULE`."""
 SLOPES = np.concatenate([_extend(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """The gradients (18, 2, 10) of phi_i at the 18 stations."""
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
-"""The integrals (2, 2, 10, 10) of products of two gradients."""
+"""The integrals (2, 2, 10, 10) of products of derivatives of phi_i."""
 _POINTS = RULE.reshape(-1, 2)
 _BARYCENTRIC = np.column_stack([1.0 - _POINTS.sum(axis=1), _POINTS])
 LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRIC, VALUES)
-"""The matrix (3, 10) that maps the moments int f lambda_k of a linear function f to int f phi_i."""
+"""The matrix (3, 10) from int f lambda_k to int f phi_i, for linear f and barycentric coordinates lambda_k."""
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return matrices M (c, n, 26, 26) of triangles, where x'M x / 2 is energy minus work of the body force.
-
-    The vector x has 8 components of displacement at inner nodes, 12 at outer nodes, and the 6 of F_k in :mod:`.fan`.
-    """
+    """Return the matrix M (26, 26) of each triangle: 8 inner and 12 outer displacements, 6 body forces."""
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
@@ -75,21 +70,21 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of each triangle's outer unknowns among the unknowns of the cell."""
+    """Return the positions (n, 12) of the outer unknowns of triangles in the cell."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
-    # A cell has the centre, the middles of spokes, the vertices, and the middles of edges.
+    # Order in the cell: centre, midpoints of spokes, vertices, midpoints of edges.
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
 
 
 def displacement_form(fans: Fans) -> Floats:
-    """Return the form M of each shape of cells, (k, 4 n + 6, 4 n + 6)."""
+    """Return the matrix M (4 n + 6, 4 n + 6) of each shape of cells."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Split displacements (c, 4 n) of outlines into linear parts, given by strains (c, 3), and the rest (c, 4 n)."""
+    """Return the strains (c, 3) of the linear parts of displacements, and the rest (c, 4 n)."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
@@ -101,7 +96,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return L (4 n, 4 n): linear tractions do the same work on the edge motions L v as on the displacement v."""
+    """Return the matrix L (4 n, 4 n) from displacements of an outline to edge motions."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

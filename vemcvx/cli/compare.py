@@ -1,12 +1,11 @@
 """`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
 
-If friction bounds do not depend on the answer, a step does not enlarge the distance of two states in the energy norm.
-So the states y, z of two solvers obey
+If friction bounds do not depend on the answer, the states y_n and z_n of two solvers at step n obey
 
-    |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of (sqrt(2 gap_m) + sqrt(2 floor_m)),
+    |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of (sqrt(2 gap_m) + sqrt(2 floor_m)).
 
-where gap_m and floor_m are the duality gap and the rounding floor of step m. Certificates are *honest* if this holds.
-A certificate is *good* if it is as small as requested, apart from its rounding floor.
+Here |.|_K is the energy norm, gap_m the duality gap, and floor_m the rounding floor of step m. Certificates are
+*honest* if this holds. Certificates are *good* if they meet the requested accuracy.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ from vemcvx.solvers import TUNED, Solver, ThroughCvxpy, list_installed
 from vemcvx.stepping import Trajectory
 
 CERTIFIED, MISSED, REFUSED, FAILED = "certified", "missed", "refused", "failed"
-"""Outcomes: "missed" is less accurate than requested, "refused" a program not accepted, "failed" no answer."""
+"""Outcomes: as accurate as requested, less accurate, program not accepted, no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A row of the comparison: a solver, its settings ("own", "tuned" or "default"), and its outcome."""
+    """A row of the comparison; `settings` is "own", "tuned" or "default"."""
 
     solver: str
     settings: str
@@ -59,7 +58,7 @@ class Row:
 
     @property
     def label(self) -> str:
-        """The name of the row in messages: the solver, and its settings unless they are "own"."""
+        """The name of the row in messages."""
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
@@ -68,7 +67,7 @@ Attempt = tuple[Row, Trajectory | None]  # a row that is not compared yet, and i
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All rows, the label of the most certain row, and `rigorous`: True if certificates bound distances of answers."""
+    """The rows of a comparison; `rigorous` is True if certificates bound distances of answers."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
@@ -94,7 +93,7 @@ class Comparison:
 
 
 def judge(system: System, attempts: Sequence[Attempt]) -> Comparison:
-    """Compare every attempt with the most certain one."""
+    """Compare all attempts with the most certain attempt."""
     answers = [(row.label, run) for row, run in attempts if run is not None and _is_answer(run)]
     label, best = min(answers, key=lambda answer: error_bounds(answer[1])[-1], default=(None, None))
     rigorous = bounds_distance(system)
@@ -130,13 +129,13 @@ def _is_answer(run: Trajectory) -> bool:
 
 
 def error_bounds(run: Trajectory) -> Floats:
-    """Return the certified bounds (N + 1,) on the errors of all states, in energy norm."""
+    """Return the certified bounds on the errors of all states, in energy norm."""
     total: Floats = np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor))
     return total
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float, float, bool]:
-    """Return the relative distance of two answers, the sum of their errors, and True if the sum bounds the distance."""
+    """Return the distance of two answers, the allowed distance, and True if the distance is allowed."""
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
     limit, unit = error_bounds(one) + error_bounds(other), np.where(one.unit > 0, one.unit, 1.0)
@@ -146,10 +145,10 @@ def distance(system: System, one: Trajectory, other: Trajectory) -> tuple[float,
 
 
 def bounds_distance(system: System) -> bool:
-    """Return True if the sum of the certificates of all steps bounds the distance of two answers."""
+    """Return True if certificates bound the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
-    # With neither norm terms nor damping, a step does not depend on the step before, and errors do not add up.
+    # Without norm terms, damping and rates, steps do not depend on earlier steps.
     return system.norms is None and system.damping is None and not system.limits.rates.any()
 
 
@@ -184,7 +183,7 @@ class Compare:
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
                 say(f"{i} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
-            # If all solvers that accept the program fail with the same error, the problem is at fault.
+            # The problem is at fault if all solvers fail with the same error.
             tried = [(row.outcome, row.message) for row, _ in attempts if row.outcome != REFUSED]
             if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
                 raise SceneError(tried[0][1])
@@ -204,8 +203,8 @@ class Compare:
 
 
 def entrants(typed: str, accuracy: float | None) -> list[tuple[Solver, str]]:
-    """Return pairs (solver, settings). A solver of cvxpy that vemcvx tunes has two pairs, "tuned" and "default"."""
-    # This also imports cvxpy, whose import must not count in the time of the first solver.
+    """Return pairs of a solver and the name of the settings."""
+    # This imports cvxpy, so that the time of the first solver excludes the import.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     chosen = parse_list("--solvers", typed, str, "names such as newton,clarabel,SCS, or all")
     spelt = [name if ":" in name else name.lower() for name in chosen]
@@ -222,7 +221,7 @@ def entrants(typed: str, accuracy: float | None) -> list[tuple[Solver, str]]:
 
 
 def attempt(posed: Posed, row: Row, progress: Callable[[int, int], None]) -> Attempt:
-    """Solve the problem; an exception becomes an outcome."""
+    """Solve the problem, and return exceptions as outcomes."""
     try:
         history = posed.simulate(check=False, progress=progress)
     except (NotAccepted, NotCertified) as error:
@@ -249,7 +248,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and its format; for a boolean, the word for False."""
+"""Heading -> field of `Row`, and the format of numbers or the word for False."""
 
 
 def _cell(value: object, form: str) -> str:
@@ -258,7 +257,7 @@ def _cell(value: object, form: str) -> str:
 
 
 def in_words(found: Comparison, title: str, size: str) -> str:
-    """Return the table, at most 80 columns wide, with a title above and remarks below."""
+    """Return the table with a title above and remarks below."""
     cells = [[_cell(getattr(row, name), form) for name, form in COLUMNS.values()] for row in found.rows]
     rows = [[row.solver, row.settings, *own] for row, own in zip(found.rows, cells, strict=True)]
     return "\n".join([title, size, "", Table(("solver", "settings", *COLUMNS), rows).text(), "", *found.remarks])

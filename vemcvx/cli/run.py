@@ -1,4 +1,4 @@
-"""`vemcvx run`: simulate a problem, write and draw its history, or run all combinations of several settings."""
+"""`vemcvx run`: simulate a problem, once or for all combinations of several settings."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from vemcvx.stepping import CHECKPOINT, Folder
 
 REPORT = "report.html"
 ROWS = "rows"
-"""Subfolder of the output folder: completed steps are kept there until the history is written."""
+"""Subfolder for completed steps, until the history is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +81,12 @@ class Run:
             say("\n".join(self.execute(problem)[1]))
 
     def execute(self, problem: Problem) -> tuple[History, list[str]]:
-        """Execute the command for a single run; return the history and the lines to print."""
+        """Return the history of a single run, and the lines to print."""
         folder, drawings = self._refuse_early(problem)
         default = 64 if self.target is None else 8
         steps, n = self.steps or default, self.n or problem.default_n(default, self.mesh)
         stored = int(self.store) if self.store.isdecimal() else self.store
-        # Until the history is written, a second run with the same folder is refused.
+        # A second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
@@ -124,7 +124,7 @@ class Run:
         return history, lines
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
-        """Run all combinations, each in its own process and folder, and print the table."""
+        """Run all combinations of settings, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or self.plot or (self.out is None and self.report):
             raise ProblemError("--set: several runs take no --resume and no --plot; --report needs --out DIR.")
@@ -152,7 +152,7 @@ class Run:
     def _simulate_stages(
         self, problem: Problem, mesh: AnyMesh, store: int | str, *, show: ShowProgress, folder: Path | None
     ) -> tuple[History, list[str]]:
-        """Simulate all stages, and write each into a folder; return one history, and a line to print for each stage."""
+        """Return the joined history of all stages, and the lines to print."""
         solver, found, lines = make_solver(self.solver, self.accuracy), list[History](), list[str]()
         for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
@@ -171,7 +171,7 @@ class Run:
         return found.history, [found.summary()]
 
     def _refuse_early(self, problem: Problem) -> tuple[Path | None, Path]:
-        """Check options and folders; return the folder of the history (or None), and the folder of the pictures."""
+        """Return the folders of the history (or None) and of the pictures."""
         folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         if self.resume is not None and self.out is not None:
@@ -198,7 +198,7 @@ class Run:
         return folder, drawings
 
     def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:
-        """Write the history if a folder is given; return lines to print: summary, extreme values, written files."""
+        """Write the history into the folder, and return the lines to print."""
         show("extremes", 0, None)
         extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
@@ -217,7 +217,7 @@ LEAST_MEMORY = 2000.0  # bytes per unknown
 
 
 def check_memory(problem: Problem, n: int, family: str | None) -> None:
-    """Raise ProblemError if a mesh that is not yet made would need more memory than the machine has."""
+    """Raise ProblemError if the mesh would need more memory than the machine has."""
     if n <= 64 or (family is not None and is_file(family)):
         return
     dimension = 3 if problem.in_space(family) else 2
@@ -230,14 +230,14 @@ def check_memory(problem: Problem, n: int, family: str | None) -> None:
 
 
 def machine_memory() -> float:
-    """Return the bytes of memory of the machine; infinite if unknown."""
+    """Return the memory of the machine in bytes, or infinity if unknown."""
     with suppress(AttributeError, OSError, ValueError):
         return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
     return np.inf
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
-    """Run one combination of a study in a new process; return the row of the table, and units of the columns."""
+    """Return the row of one run in the table, and the units of columns."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
     folder = run.out and status == DONE and str(run.out)

@@ -27,7 +27,7 @@ from vemcvx.vem.tensors import component_names
 
 
 class Tabulated:
-    """A table of values over time, interpolated linearly, for any datum f(x, t): loads, bounds, gaps, temperatures, ...
+    """A table of values over time, interpolated linearly, in place of any function f(x, t).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Tabulated:
     Raises
     ------
     SceneError
-        `times` or `values` are not as above, or the table is called at an instant outside it.
+        `times` or `values` is invalid, or the table is called at an instant outside `times`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Tabulated:
             )
 
     def __call__(self, x: Floats, t: float) -> Any:
-        """Return the value at time t, the same for all points."""
+        """Return the value at time t, for all points."""
         first, last = self.times[0], self.times[-1]
         if not first <= t <= last:
             raise SceneError(
@@ -80,11 +80,11 @@ class Tabulated:
 
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]  # A constant, or f(x, t).
 Constant = ArrayLike | Callable[[Floats], ArrayLike]
-"""A number, or f(x); in materials also an array with one value per cell, or the name of a cell datum."""
+"""A number or a function f(x); in materials, also one value per cell or the name of a cell datum."""
 
 
 def holds(sign: str = "", rule: str = "it must be {sign}") -> dict[str, Any]:
-    """Return the metadata of a field whose numbers must be `sign`: "> 0", ">= 0", or "" for no condition."""
+    """Return the metadata of a field; `sign` is "> 0", ">= 0" or empty."""
     return {"sign": sign, "rule": rule.format(sign=sign)}
 
 
@@ -97,13 +97,13 @@ def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: s
 
 @dataclass(frozen=True, eq=False)
 class At:
-    """Points x (m, dim) and a time t, at which data are evaluated; t is None if data do not depend on time."""
+    """Points x (m, dim) and a time t at which data are evaluated."""
 
     x: Floats
     t: float | None = None
 
     def read(self, value: Any, subject: str, shape: str = "number") -> Floats:
-        """Return a value for each point; `shape` is "number", "vector" or "tensor"."""
+        """Return one number, vector or tensor per point, according to `shape`."""
         m, dim = self.x.shape
         names = component_names(dim)
         count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
@@ -117,58 +117,58 @@ class At:
 
 
 def scalar(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Return the values (m,) of a scalar datum at points x (m, dim) and time t; t is None for constants in time."""
+    """Return the values (m,) of a scalar datum at m points."""
     return At(x, t).read(value, subject)
 
 
 def vector(value: Datum | Constant, x: Floats, t: float | None, subject: str) -> Floats:
-    """Return the values (m, dim) of a vector datum at points x (m, dim) and time t."""
+    """Return the values (m, dim) of a vector datum at m points."""
     return At(x, t).read(value, subject, "vector")
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Return the values (m, components) of a symmetric tensor at points x (m, dim) and time t."""
+    """Return the values (m, components) of a symmetric tensor at m points."""
     return At(x, t).read(value, subject, "tensor")
 
 
 def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
-    """Return the values (m,) of a number or a function f(x) at points x (m, dim)."""
+    """Return the values (m,) of a number or a function f(x) at m points."""
     return At(x).read(value, subject)
 
 
 def read_numbers(raw: object, m: int, subject: str) -> Floats:
-    """Return one number for each of m rows of a part of the boundary."""
+    """Return one number for each of m rows."""
     return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one per row", (), (m,)))
 
 
 def read_finite(raw: object, m: int, subject: str) -> Floats:
-    """Return one finite number for each of m rows of a part of the boundary."""
+    """Return one finite number for each of m rows."""
     return finite(read_numbers(raw, m, subject), subject)
 
 
 def read_weights(raw: object, m: int, subject: str) -> Floats:
-    """Return the weights (m,) of rows of friction; a weight is infinite if the row always sticks."""
+    """Return one friction weight, finite or infinite, for each of m rows."""
     found = read_numbers(raw, m, subject)
     finite(np.where(found == np.inf, 0.0, found), subject)
     return found
 
 
 def varies(*values: object) -> bool:
-    """Return True if one of the data is a function of place or time."""
+    """Return True if some value is a function."""
     return any(callable(value) for value in values)
 
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points x (k, dim) at which material constants are evaluated, and their cells (k,); by default all centroids."""
+    """Points of cells at which material constants are evaluated; by default all centroids."""
 
     mesh: Mesh
     x: Floats | None = None
     cells: Ints | None = None
-    inside: Bools | None = None  # mask of the cells of the material; `Effect._read` ignores constants in other cells
+    inside: Bools | None = None  # mask of the cells of the material
 
     def read(self, value: Constant, subject: str) -> Floats:
-        """Return the values (k,) of a constant: a number, one per cell, f(x), or the name of a cell datum."""
+        """Return the values (k,) of a constant at k points."""
         mesh, raw, count = self.mesh, value, self.mesh.n_cells
         if isinstance(value, str):
             if value not in mesh.cell_data:
@@ -197,7 +197,7 @@ def _call(value: Any, at: tuple[Floats, float | None], subject: str) -> Any:
 
 def _check_values(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
     array = as_real_array(raw, subject, wanted)
-    # The only other shape is the shape of one value, which is then the same at all points.
+    # A single value holds at all points.
     if array.shape not in (shape, shape[1:]):
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
     whole = array if array.shape == shape else np.array(np.broadcast_to(array, shape))

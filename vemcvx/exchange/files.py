@@ -66,7 +66,7 @@ def description(program: StepProgram) -> dict[str, Any]:
     return found
 
 
-Files = dict[str, bytes]  # {ending of a file name after NAME, such as "_B.mtx" or ".json": contents}
+Files = dict[str, bytes]  # ending of a file name, such as "_B.mtx" -> contents
 FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),
@@ -78,7 +78,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the files in the format `name`, and the JSON file."""
+    """Return the contents of the files of a program, by ending."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
@@ -98,19 +98,19 @@ def in_json(words: Mapping[str, Any]) -> bytes:
 
 
 def write_program(program: StepProgram, path: str | Path) -> Path:
-    """Write a program in the format of the suffix, and its description in a JSON file; existing files are replaced.
+    """Write a program to a file, and a description to a JSON file; existing files are replaced.
 
     Parameters
     ----------
     program : StepProgram
-        For a solved program, the JSON file has the certified optimum, and an NPZ file has the answer.
+        A convex program, solved or not.
     path : str or Path
         NAME.npz, NAME.mtx, NAME.cbf, NAME.mps, NAME.qps or NAME.hdf5: see :mod:`vemcvx.exchange.files`.
 
     Returns
     -------
     Path
-        The path of the file; further files are called NAME with other endings.
+        The path of the file.
 
     Raises
     ------

@@ -1,15 +1,10 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-A multigrid cycle consists of a forward sweep of Gauss-Seidel, a coarse correction, and a backward sweep. It multiplies
-by a symmetric positive definite matrix M, which is close to K^{-1}. No eigenvalue of MK exceeds 1. If Poisson's ratio
-exceeds .49, the smallest eigenvalues of MK are too small for useful bounds.
+A multigrid cycle multiplies by a symmetric positive definite matrix M, which is close to K^{-1}. No eigenvalue of MK
+exceeds 1. Let x approximate K^{-1}b, let rho = b - K x be the residual, and let l > 0 be at most the lowest eigenvalue
+of MK. Then K^{-1}b = x + K^{-1}rho and K^{-1} <= M / l, so that certificates can use the bound
 
-Solves are inexact, so certificates use the following bound. For any approximation x of K^{-1}b, with rho = b - K x
-and l <= lambda_min(MK),
-
-    b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
-
-because K^{-1}b = x + K^{-1}rho, and M^{1/2}K M^{1/2} >= l means K^{-1} <= M / l.
+    b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l.
 """
 
 from __future__ import annotations
@@ -35,16 +30,15 @@ ADVICE = "It suits compressible materials (poisson < 0.49) and cells of good sha
 
 @dataclass(frozen=True)
 class Iterative(LinearSolver):
-    """PyAMG (extra ``multigrid``): the default for meshes too large to factorise, if it is installed.
+    """Multigrid of PyAMG (extra ``multigrid``), for meshes too large to factorise.
 
     Use it for large bodies with few contacts: each unknown of contact and friction costs one solve before the
-    first step. It does not accept bodies held by friction and contact alone. Certificates include the error of
-    solves.
+    first step. It does not accept bodies held by friction and contact alone.
 
     Parameters
     ----------
     tolerance : float
-        Residual of every solve, relative to its right side; in (0, 1).
+        Relative residual of every solve, between 0 and 1.
 
     Examples
     --------
@@ -67,7 +61,7 @@ class Iterative(LinearSolver):
 
 
 class IterativeFactor(Factor):
-    """A matrix K with a cycle M as preconditioner, and a lower bound of the eigenvalues of MK."""
+    """A matrix K with a multigrid cycle M as preconditioner."""
 
     exact = False
 
@@ -77,11 +71,11 @@ class IterativeFactor(Factor):
 
     @abstractmethod
     def cycle(self, b: Floats) -> Floats:
-        """Return M b (n,), an approximation of K^{-1} b; M is symmetric and positive definite."""
+        """Return M b, for a symmetric positive definite matrix M."""
 
     @abstractmethod
     def iterate(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
-        """Return an approximation of K^{-1} b (n,), and 0 if the residual meets the tolerance, else another number."""
+        """Return an approximation of K^{-1} b, and 0 if the residual meets the tolerance."""
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
@@ -108,7 +102,7 @@ class PyAMGFactor(IterativeFactor):
         from pyamg import smoothed_aggregation_solver
 
         sweeps = [("gauss_seidel", {"sweep": sweep}) for sweep in ("forward", "backward")]
-        # PyAMG draws vectors from NumPy's global generator: seed it, so that runs repeat, and restore it afterwards.
+        # PyAMG draws from NumPy's global generator: seed it for repeatable runs, then restore it.
         shared = np.random.get_state()  # noqa: NPY002
         np.random.seed(0)  # noqa: NPY002
         try:
@@ -134,10 +128,10 @@ class PyAMGFactor(IterativeFactor):
 def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
     """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M.
 
-    Let xi be the smallest Ritz value after k steps from a random direction. Then lambda_min(MK) >= 1 - (1 - xi) /
-    (1 - eps), except with a probability below 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM
-    J. Matrix Anal. Appl. 13, 1992, for 1 - MK). Our direction is random in the Euclidean inner product: this multiplies
-    the probability by at most the root of the condition number of M; we take 1e8, and eps for a probability of 1e-9.
+    Let xi be the smallest Ritz value after k steps from a random direction. All eigenvalues are at least
+    1 - (1 - xi) / (1 - eps), except with a probability below p = 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and
+    Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). The root of the condition number of M multiplies p,
+    because our direction is random in the Euclidean inner product. We take 1e8 for it, and eps for 1e8 p = 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []
@@ -150,7 +144,7 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
         answer = cycle(force)
         square = float(force @ answer)
         if not square > EPS**2 * start:
-            return 0.5 * low  # The Krylov space is complete: up to rounding, xi is the lowest eigenvalue.
+            return 0.5 * low  # The Krylov space is complete: `low` is the lowest eigenvalue.
         if k > 1:
             off_diagonal.append(np.sqrt(square))
         now, direction = force / np.sqrt(square), answer / np.sqrt(square)

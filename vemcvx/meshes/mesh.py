@@ -1,7 +1,6 @@
-"""A mesh: points, cells, named parts of the boundary, data on cells; immutable.
+"""Immutable meshes of points, cells, named boundaries and cell data.
 
-Neighbouring cells share whole edges or faces. So a cell has an angle of 180 degrees at a hanging node, and may have
-several coplanar faces.
+Neighbouring cells share whole edges or faces: a hanging node is a vertex with an angle of 180 degrees.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ class Sides(NamedTuple):
     """The edges (in space: faces) of the cells of a mesh."""
 
     offsets: Ints
-    vertices: Ints  # in the order in which the first cell of the side lists them
-    cells: Ints  # (n_sides, 2) first and second cell; the second is -1 on the boundary
+    vertices: Ints  # nodes of the sides, in the order of the first cell
+    cells: Ints  # (n_sides, 2) first and second cell, -1 for no second cell
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -62,14 +61,14 @@ class Mesh(ABC):
     node_map: Ints | None
     _named: Mapping[str, Ints]
 
-    ARRAYS: ClassVar[tuple[str, ...]]  # attributes that define the mesh, in the order of `unchecked`
-    NUMBERED: ClassVar[Mapping[str, str]]  # name of an array of numbers -> their range, such as "n_nodes"
+    ARRAYS: ClassVar[tuple[str, ...]]  # names of the arrays that define the mesh
+    NUMBERED: ClassVar[Mapping[str, str]]  # name of an array -> upper limit of the entries, such as "n_nodes"
     PARTS: ClassVar[str]  # "edges" or "faces"
     A_PART: ClassVar[str]  # "an edge" or "a face"
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
-        """Return a mesh of valid arrays, without copies or checks; boundaries on sides of ``box`` get names."""
+        """Return a mesh of valid arrays, without checks; the sides of ``box`` get names."""
         mesh = object.__new__(cls)
         mesh._fill(*arrays)
         return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
@@ -83,7 +82,7 @@ class Mesh(ABC):
     def _take(
         self, found: CheckedMesh, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None
     ) -> None:
-        """Fill the mesh; if `boundaries` is None and there are no interfaces, straight sides get names."""
+        """Fill the mesh with checked arrays, named boundaries and cell data."""
         self._fill(*found.arrays, node_map=found.node_map)
         for note in found.notes:
             warnings.warn(note, MeshWarning, stacklevel=3)
@@ -103,7 +102,7 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the nodes of each cell without repetition."""
+        """Offsets (n_cells + 1,), and the nodes of all cells, each node once per cell."""
 
     @property
     @abstractmethod
@@ -113,12 +112,12 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def _boundary(self) -> Ints:
-        """The boundary: edges (m, 2), in space numbers of faces (m,)."""
+        """The boundary edges (m, 2); in space, the numbers (m,) of boundary faces."""
 
     @property
     @abstractmethod
     def _middles(self) -> Floats:
-        """The midpoints of boundary edges (m, 2), in space the centroids of boundary faces (m, 3)."""
+        """The midpoints (m, 2) of boundary edges; in space, the centroids (m, 3) of boundary faces."""
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
@@ -126,7 +125,7 @@ class Mesh(ABC):
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
-        """Return areas or volumes, and centroids."""
+        """Return the areas (in space: volumes) and centroids of the cells."""
 
     @cached_property
     def _outer_sides(self) -> Ints:
@@ -143,7 +142,7 @@ class Mesh(ABC):
 
     @cached_property
     def neighbours(self) -> Ints:
-        """Pairs (m, 2) of cells that share an edge (in space: a face), one pair per side, the smaller number first."""
+        """Pairs (m, 2) of adjacent cells, one pair per edge or face, the smaller number first."""
         cells = self._sides.cells
         return read_only(cells[cells[:, 1] >= 0])
 
@@ -185,17 +184,17 @@ class Mesh(ABC):
 
     @cached_property
     def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary, as edges (m, 2), in space as face numbers (m,); "boundary" is the whole.
+        """Named parts of the boundary: edges (m, 2) or, in space, face numbers (m,).
 
         An edge (a, b) runs counter-clockwise around its cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
-        The name of an interface stands for the edges of its first body; "boundary" contains the edges of both bodies.
+        "boundary" is the whole boundary. The name of an interface means the edges or faces of the first body.
         """
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
         joints = {name: read_only(self._boundary[parts]) for name, parts in own.items()}
         return MappingProxyType({**self._named, **joints, "boundary": self._boundary})
 
     def beyond(self, parts: Ints) -> Ints:
-        """Return the edges or faces of the second body of each interface that touch `parts` of the first body."""
+        """Return the edges or faces that touch `parts` across an interface."""
         places, found = self._places(parts), [np.zeros(0, dtype=np.int64)]
         for interface in self.interfaces.values():
             first, second = (faces_of(side, self._outlines) for side in (interface.edges, interface.partners))
@@ -215,7 +214,7 @@ class Mesh(ABC):
         """Return the boundary edges or faces on each side of a box, by the name of the side."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        # An edge shorter than the tolerance lies on two sides of a corner, but is parallel to one of them only.
+        # At a corner, a very short edge is near two sides of the box: take the parallel side.
         longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
@@ -225,7 +224,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return named parts in the order of the boundary; raise MeshError for edges or faces inside the mesh."""
+        """Return the named boundaries; raise MeshError for edges or faces inside the mesh."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -243,7 +242,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return the positions of `given` edges or faces in `_boundary` (-1 if absent), and a text for each."""
+        """Return positions in `_boundary`, -1 for absent edges or faces, and descriptions."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -257,17 +256,17 @@ class Mesh(ABC):
         return polygons.matching_rows(*self._outlines, offsets, own)
 
     def with_boundary(self, name: str, predicate: Callable[[Floats], Bools], of: str | None = None) -> Self:
-        """Return this mesh with one more named part of its boundary, or of an interface.
+        """Return this mesh with one more named boundary.
 
         Parameters
         ----------
         name : str
             Name of the part. A part with this name is replaced; parts may overlap.
         predicate : callable
-            Function that takes the midpoints (m, 2) of all boundary edges outside interfaces, in space the centroids
-            (m, 3) of faces, and returns a mask (m,) of bool.
+            Function of the midpoints (m, 2) of edges, in space of the centroids (m, 3) of faces, that returns a mask
+            (m,) of bool.
         of : str, optional
-            Name of a boundary or interface; the predicate then gets only midpoints or centroids of this part.
+            Boundary or interface from which to choose; by default the whole boundary without interfaces.
         """
         if of is not None and not (isinstance(of, str) and of in self.boundaries):
             known = ", ".join(map(repr, self.boundaries))
@@ -291,21 +290,21 @@ class Mesh(ABC):
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None) -> Self:
-        """Return this mesh with some cells split. In a mesh with other polyhedra than tetrahedra, all are split.
+        """Return this mesh with some or all cells split.
 
-        The parts of a cell take its place, and inherit its data. Old nodes come first, then new nodes.
+        The parts of a cell replace the cell, and have the same data. New nodes come after old nodes.
 
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split, tetrahedra into at least two parts. By default all cells, tetrahedra into at least eight
-            parts. Further cells are split until no edge has two hanging nodes, in space until there are none.
+            Cells to split, tetrahedra into two or more parts. By default all cells are split, tetrahedra into eight or
+            more parts. Further cells are split until an edge has at most one hanging node, in space none.
 
         Raises
         ------
         MeshError
-            `cells` is invalid, or has only some cells of a mesh with other polyhedra than tetrahedra. A polygon is not
-            star-shaped or has no two long edges. An edge is too short. A part would have a bent face.
+            `cells` is invalid, or does not list all cells of a mesh with other polyhedra than tetrahedra, or the shape
+            of a cell does not allow a split.
         """
         from vemcvx.meshes.bisection import refine_mesh
 
@@ -320,7 +319,7 @@ class Mesh(ABC):
         Parameters
         ----------
         name : str
-            Name of the new interface. The boundary of this name consists of the edges or faces of the first side.
+            Name of the new interface.
         sides : mapping of str to array_like
             Name of each side of the crack -> its cells, as numbers or a mask.
 
@@ -389,7 +388,7 @@ class Mesh(ABC):
 
 
 def straight_sides(mesh: Mesh) -> dict[str, Ints]:
-    """Return the boundary edges or faces with an extreme coordinate, by the names "left", "right" and so on."""
+    """Return the straight sides of the mesh by name, such as "left"."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     # the sides of a moved or scaled mesh are straight up to rounding
     rounding = SAME * float((high - low).max())

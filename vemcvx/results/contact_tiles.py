@@ -1,16 +1,16 @@
-"""Recovered pressure and friction: where meshes do not match, means of forces at nodes near each other.
+"""Recovered pressure and friction on interfaces of meshes that do not match.
 
-`Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of its hat function.
-On interfaces of meshes that do not match, this quotient ripples by O(h) or more, but means over cells are accurate.
-If some cell has several sides on an interface, recovered values on this interface are means over nodes,
+`Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of the hat function.
+If a cell has several sides on an interface, this quotient ripples by O(h) or more. Recovered values on such an
+interface are means over nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
-The size of a cell is the total length of its sides on the surface (in space, the square root of their area), and h_i
-is the size of the largest cell of either body at x_i. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or
-more. The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K
-is symmetric and connects nodes on the same piece of closed contact only. So sum |phi_i| p_i = sum R_i on each piece. No
-entry of K is negative, so compression remains compression. Nodes at corners (in space, also edges) keep R_i / |phi_i|.
+The size of a cell is the total length of the sides on the surface (in space, the square root of the area), and h_i is
+the size of the largest cell at x_i. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more, or if i and j
+are on different pieces of closed contact. The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and
+Knopp, Pacific J. Math. 21 (1967)). K is symmetric, so sum |phi_i| p_i = sum R_i on each piece. No entry of K is
+negative, so compression remains compression. Nodes at corners (in space, also edges) keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ CELLS = 1.5  # Radius of the means in units of h
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The contact nodes, and the pairs of nodes on one side (in space, on one face), without nodes at corners."""
+    """The contact nodes, and the pairs of nodes with a common side."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
     reach: Floats  # (m,) the radius 1.5 h_i of the mean
-    beside: sp.csr_matrix  # (m, m) nonzero for two nodes of one side
+    beside: sp.csr_matrix  # (m, m) nonzero for nodes with a common side
 
     @classmethod
     def from_rows(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
-        """Return the tiles of these rows; row i is at the contact node `at[i]`."""
+        """Return the tiles of contact rows; row i is at node `at[i]`."""
         owner, (node, other), normals = rows.owners(at), rows.names.T, surface.normals
         there = owner >= 0
         owner, node, other = owner[there], node[there], other[there]
@@ -65,7 +65,7 @@ class ContactTiles:
         return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
 
     def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
-        """Return recovered forces per length of nodal forces (k, m); `lengths` are |phi_i|, `closed` is contact."""
+        """Return the recovered values for nodal forces (k, m); `lengths` are |phi_i|."""
         found = forces / lengths
         patterns, number = np.unique(closed, axis=0, return_inverse=True)
         for k, pattern in enumerate(patterns):
@@ -74,24 +74,24 @@ class ContactTiles:
         return found
 
     def _means(self, forces: Floats, lengths: Floats, among: Bools) -> Floats:
-        """Return the means p (S, m) over the nodes in `among`; other nodes keep R_i / int phi_i."""
+        """Return the means p (S, m) over the nodes of the mask `among`."""
         k, d, nearest = self._nearness(among), np.ones(len(lengths)), np.inf
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
-            # The next `off` is sqrt(off) times a mean of 1 / sqrt(off), so max |log(off)| does not grow.
+            # In exact arithmetic, max |log(off)| does not grow.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
             if nearest >= before:  # Only rounding remains.
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 
     def _nearness(self, among: Bools) -> sp.csr_matrix:
-        """Return the symmetric matrix k (m, m), with 1 on its diagonal; nodes on different pieces have k_ij = 0."""
+        """Return the matrix of all k_ij."""
         from scipy.spatial import cKDTree  # Loading takes .3 s.
 
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         _, piece = connected_components(chosen @ self.beside @ chosen)
-        # k_ij > 0 needs |x_i - x_j| < 1.5 sqrt(h_i h_j) <= 1.5 max(h_i, h_j): one node is within reach of the other.
+        # k_ij > 0 only if |x_i - x_j| < 1.5 max(h_i, h_j).
         near = cKDTree(self.points).query_ball_point(self.points, self.reach)
         i, j = np.repeat(np.arange(m), list(map(len, near))), np.concatenate(near).astype(int)
         apart = self.points[i] - self.points[j]
@@ -103,7 +103,7 @@ class ContactTiles:
 
 
 def find_unmatched(mesh: Mesh) -> Bools:
-    """Return True (n_nodes,) for nodes on interfaces that contain several sides of one cell."""
+    """Return a mask (n_nodes,) of nodes on interfaces where meshes do not match."""
     found, (offsets, vertices, cells, _) = np.zeros(mesh.n_nodes, dtype=bool), _boundary_sides(mesh)
     for interface in mesh.interfaces.values():
         for sides in (interface.edges, interface.partners):
@@ -114,7 +114,7 @@ def find_unmatched(mesh: Mesh) -> Bools:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return, for each of the nodes (m,), the size of its largest cell; 0 where the node is -1 (no partner)."""
+    """Return the size (m,) of the largest cell at each node, 0 for node -1."""
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)
     on[nodes[nodes >= 0]] = True
@@ -126,7 +126,7 @@ def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
 
 
 def _boundary_sides(mesh: Mesh) -> tuple[Ints, Ints, Ints, Floats]:
-    """Return offsets, nodes, cells and sizes of the sides (in space, faces) of the boundary."""
+    """Return offsets, nodes, cells and sizes of the boundary sides."""
     sides = mesh.boundaries[WHOLE]
     if isinstance(mesh, PolyhedralMesh):
         offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, sides)

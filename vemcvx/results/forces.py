@@ -1,17 +1,17 @@
 """The forces on the boundary, by the effect that causes them.
 
-Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix (or zero), and f the loads. Of
-the rows on u, friction has B^ with the multipliers lam, obstacles have D^ with the forces p, and supports and bilateral
-contact have A_s with the forces mu. The forces on the nodes are
+Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix (or zero), and f the loads.
+Friction has the rows B^ u and the multipliers lam, obstacles the rows D^ u and the forces p, supports and bilateral
+contact the rows A_s u and the forces mu. The forces on the nodes are
 
     R = A u + A_1 du/dt - f = A_s' mu - B^' lam - D^' p.
 
 The matrix H of :mod:`vemcvx.scene.supports` has A_s H = I, so mu = H'(R + B^' lam + D^' p). Springs to the ground have
 a stiffness K_s, which is a part of A, and the forces -K_s u.
 
-The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to the lengths
-of the ends. The force of a support is divided among the sides that are normal to its direction or, if there are none,
-among all sides, in proportion to integrals of hat functions.
+The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to lengths.
+The force of a support is divided among the sides at the node in proportion to integrals of hat functions. If some sides
+are normal to the direction of the support, the force is divided among these sides.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Numbers in place of a side: NOWHERE if no side of the effect has the node, ACROSS for nodes of the other body."""
+"""Numbers in place of a side: NOWHERE for nodes without a side, ACROSS for nodes of the second body."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class BoundaryForces(ArrayRecord):
-    """The forces of effects on nodes at S stored instants. Each of q rows has a node and one side at the node."""
+    """The forces of effects on nodes; each row belongs to a node and a side."""
 
-    causes: Annotated[Ints, "acting 2", ""]  # numbers in `History.effects`; a second effect on the same side, or -1
-    ends: Annotated[Ints, "acting 2", ""]  # the node, and the side: in the plane its other node, in space its face
-    held: Annotated[Bools, "acting", ""]  # True for forces of supports, False for contact, friction and springs
+    causes: Annotated[Ints, "acting 2", ""]  # numbers of one or two effects; -1 for none
+    ends: Annotated[Ints, "acting 2", ""]  # node, and the other node of the edge (in space: face)
+    held: Annotated[Bools, "acting", ""]  # True for supports
     force: Annotated[Floats, "S acting dim", "force"]
-    loads: Annotated[Floats, "S loads dim", "force"]  # the total force of each of the L loads
-    load_causes: Annotated[Ints, "loads", ""]  # the number in `History.effects` of each load
+    loads: Annotated[Floats, "S loads dim", "force"]  # total force of each load
+    load_causes: Annotated[Ints, "loads", ""]  # number of the effect of each load
 
     def through(self, names: Ints) -> Bools:
-        """Return a mask (q,): which `ends` are among the given ones (e, 2)."""
+        """Return a mask of the rows whose `ends` are in `names`."""
         return are_among(self.ends, names)
 
 
@@ -68,7 +68,7 @@ class _Rows(NamedTuple):
 
 
 def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
-    """Return the forces by effect; `u` and `forces` are u and R of the nodes, (S, n_nodes, dim)."""
+    """Return the forces of effects; `forces` (S, n_nodes, dim) are R."""
     S, dim = len(u), u.shape[2]
     instants: list[float] = trajectory.times[trajectory.stored].tolist()
     rubbing = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
@@ -113,7 +113,7 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the numbers (k, 2) of the first two effects at each end of contact rows; -1 for no effect."""
+    """Return the numbers (k, 2) of up to two effects at each end."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -136,7 +136,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # Pins bear no force. At the axis of a body of revolution, the force tends to zero with h.
+        # Pins bear no force; on an axis of revolution, the force vanishes as h -> 0.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
@@ -174,7 +174,7 @@ def _distribute(
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Divide nodal forces among sides; return each part's position in `nodes`, its node and side, and its fraction."""
+    """Return the shares of nodal forces: position in `nodes`, node and side, fraction."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -212,7 +212,7 @@ Cause = str | Effect | type[Effect]
 
 
 class ActingForces:
-    """The methods of a history that return the forces of effects, and the forces on boundaries."""
+    """The methods of a history for forces of effects and forces on boundaries."""
 
     mesh: Mesh
     scene: Scene | None
@@ -222,7 +222,7 @@ class ActingForces:
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True for a body of revolution; its forces, works and energies are values of the full turn."""
+        """True for a body of revolution; forces, works and energies then belong to the full turn."""
         return len(self.moduli) == AXISYMMETRIC
 
     @cached_property
@@ -232,7 +232,7 @@ class ActingForces:
     def reaction(self, name: str) -> Floats:
         """Return the total force (S, dim) that supports of a boundary exert on the body.
 
-        If one support holds a node on two boundaries, its force is divided (:mod:`vemcvx.results.forces`).
+        At a node on two boundaries, the force of a support is divided (:mod:`vemcvx.results.forces`).
 
         Raises
         ------
@@ -252,14 +252,13 @@ class ActingForces:
         Parameters
         ----------
         of : str, effect or class of effects
-            An effect of the scene, also a load; a class such as ``vx.TrescaFriction``, for all effects of this class;
-            or the name of a boundary, for contact, friction and springs there. At an interface, the result is the force
-            on the body named first.
+            An effect of the scene; a class such as ``vx.TrescaFriction``, for all effects of this class; or the name of
+            a boundary, for contact, friction and springs. On an interface, the force acts on the first body.
 
         Raises
         ------
         SceneError
-            There is no such boundary or effect, or two effects act on the same sides and their forces are not separate.
+            There is no such boundary or effect, or two effects share the force on some sides.
         """
         if isinstance(of, str):
             return _total(self.acting.force[:, self._through(of, "force") & ~self.acting.held])
@@ -314,7 +313,7 @@ class ActingForces:
         return self.acting.through(self._space.part(name, subject, contact=True).names)
 
     def _rows_of_effects(self, causes: Ints, subject: str) -> Bools:
-        """Return a mask (q,) of the rows of effects, without the second body of an interface."""
+        """Return a mask of the rows of effects, without second bodies of interfaces."""
         acting = self.acting
         mine = np.isin(acting.causes, causes)
         apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)
@@ -352,7 +351,7 @@ def largest(forces: Floats) -> int:
 
 
 def moments(arms: Floats, forces: Floats) -> Floats:
-    """Return the sum of moments of forces (S, k, dim) at arms (k, dim): (S,) in the plane, (S, 3) in space."""
+    """Return the total moments of forces (S, k, dim) at arms (k, dim)."""
     sums: Floats = forces.reshape(len(forces), -1) @ rigid_modes(arms)[:, arms.shape[1] :]
     return sums[:, 0] if sums.shape[1] == 1 else sums
 

@@ -1,4 +1,4 @@
-"""The loop of force against displacement on a boundary or body that a support moves, or at a load."""
+"""The loop of force against displacement of a driven boundary, a driven body or a load."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vemcvx.results.results import Results
 
 @dataclass(frozen=True)
 class Loop:
-    """The mean displacement (S,) and the force (S,) along `axis`, on the boundary or at the points named by `on`."""
+    """The mean displacement (S,) and the force (S,) along `axis` at the place `on`."""
 
     on: str
     axis: int
@@ -25,7 +25,7 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of `on`, or of the driven boundary of longest path, along the axis of the longest path."""
+    """Return the loop of `on`, by default of the driven boundary that moves most."""
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
         return _find_load_loop(history)
@@ -42,7 +42,7 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
 
 
 def _find_load_loop(history: Results) -> Loop | None:
-    """Return the loop of the load whose total force changes most, without body forces; None if there is none."""
+    """Return the loop of the load that changes most, or None."""
     if history.scene is None:
         return None
     changes = np.ptp(history.acting.loads, axis=0)
@@ -76,9 +76,9 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 
 
 def _find_driven(history: Results) -> dict[str, Floats]:
-    """Return the mean motions of the boundaries and bodies whose displacement is prescribed, by name."""
+    """Return the mean motions of driven boundaries and bodies by name."""
     names, along = [str(name) for effect in _movers(history) for name in np.atleast_1d(effect.on)], {}
-    if history.scene is None:  # Boundaries with a reaction count as driven, along its axes.
+    if history.scene is None:  # Boundaries with a reaction count as driven.
         held = {
             name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name
         }

@@ -1,4 +1,4 @@
-"""Results at S stored instants, from the free unknowns of a trajectory: displacements, forces and stresses."""
+"""Displacements, forces and stresses at S stored instants."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ class Results(ActingForces):
     displacement: Annotated[Floats, "S nodes dim", "length"]
     forces: Annotated[Floats, "S nodes dim", "force"]
     contact: Contact
-    acting: BoundaryForces  # the forces of each effect on the nodes of its boundaries
-    # Lame's constants lambda (reduced in plane stress) and mu; or the upper triangle of the elastic matrix, by rows.
+    acting: BoundaryForces  # forces of effects on nodes
+    # Lame's constants lambda and mu, or the upper triangle of the elastic matrix by rows.
     moduli: Annotated[Floats, "constants cells", "force/area"]
     trajectory: Trajectory
     seconds: dict[str, float]  # "assemble", "prepare" and "solve"
     prestress: Annotated[Floats | None, "S cells components", "force/area"] = None  # stresses at zero strain
-    out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None  # zz for unit strains e_xx, e_yy, 2 e_xy
-    out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None  # zz due to eigenstrains
+    out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None  # stress zz per strain e_xx, e_yy, 2 e_xy
+    out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None  # stress zz due to eigenstrains
     inactive: tuple[str, ...] = ()  # a sentence for each effect without influence on this run
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
@@ -62,7 +62,7 @@ class Results(ActingForces):
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
     bounded_force: dict[str, int] | None = None  # boundary and axis of `force_bounds`, such as {"top": 0}
-    stabilisation: Stabilisation | None = None  # None after reading files if the user defined its class
+    stabilisation: Stabilisation | None = None  # None for a user's class read from files
     units: dict[str, str] | None = None
 
     @property
@@ -94,7 +94,7 @@ class Results(ActingForces):
     def work(self) -> Floats:
         """The work (S,) of forces and reactions so far, with the forces at the end of each step.
 
-        The loss of time stepping is never negative: `work` - `dissipated` - (`energy` - `energy` at the beginning).
+        The loss of time stepping, `work` - `dissipated` - (`energy` - initial energy), is never negative.
         """
         return self.trajectory.work[self.stored]
 
@@ -102,19 +102,19 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        Quote `dissipated_second_order` and `work_second_order`: `dissipated` and `work` are of first order. With
-        dashpots, and where slip changes direction in space, `dissipated_second_order` is of first order, too.
+        Prefer this number to `dissipated`, which is of first order. With dashpots, and where slip changes direction in
+        space, this number is of first order, too.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
     @property
     def work_second_order(self) -> Floats:
-        """The work (S,) of forces and reactions, accurate to second order in the time step: see `work`."""
+        """The work (S,) of forces and reactions, accurate to second order in the time step."""
         return self.trajectory.work_second_order[self.stored]
 
     @property
     def certificate(self) -> Floats:
-        """The certified relative energy error (S,) of each stored step alone, without errors of earlier steps."""
+        """The certified relative energy error (S,) of each stored step, without errors of earlier steps."""
         return self.trajectory.certificate[self.stored]
 
     @property
@@ -129,7 +129,7 @@ class Results(ActingForces):
 
     @property
     def certified(self) -> Floats:
-        """The bound (S,) on the relative energy error of a step, rounding included: certificate plus floor."""
+        """The sum (S,) of `certificate` and `certificate_floor`: a bound with rounding."""
         return self.trajectory.certified[self.stored]
 
     @property
@@ -154,7 +154,7 @@ class Results(ActingForces):
 
     @property
     def spread(self) -> tuple[str, str]:
-        """The measure per which contact forces are given, "length" or "area", and the unit of a force per measure."""
+        """The measure of contact surfaces, "length" or "area", and the unit of forces per measure."""
         flat = self._space.in_plane and not self.is_axisymmetric
         return ("length", "force/length") if flat else ("area", "force/length²")
 
@@ -180,7 +180,7 @@ class Results(ActingForces):
         return self.on_cells(step)["out_of_plane_stress"]
 
     def von_mises(self, step: int) -> Floats:
-        """Return von Mises' stress (n_cells,) at a stored step; plane materials must give the stress zz."""
+        """Return von Mises' stress (n_cells,) at a stored step; raise SceneError if the stress zz is unknown."""
         fields = self.on_cells(step)
         return fields["von_mises"] if "von_mises" in fields else self.out_of_plane_stress(step)
 
@@ -218,7 +218,7 @@ class Results(ActingForces):
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, with place and time.
 
         `Extreme.unbounded` warns that a value at a corner or point load may grow without limit as the mesh is refined
-        (:mod:`vemcvx.results.corners`). Fields that are within 1 % of the extreme on half of the body get no warning.
+        (:mod:`vemcvx.results.corners`).
         """
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
@@ -237,7 +237,7 @@ class Results(ActingForces):
 
     @cached_property
     def turns(self) -> Ints:
-        """The stored steps at which the motion reverses: increments before and after have a scalar product < 0."""
+        """The stored steps at which the motion reverses."""
         u, before, found = self.displacement, np.zeros(()), list[int]()
         least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
         for row in range(1, len(u)):
@@ -249,7 +249,7 @@ class Results(ActingForces):
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return up to `most` >= 2 stored steps that outline the course of a run, the peak among them."""
+        """Return at most `most` >= 2 stored steps that show the course of a run."""
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
         steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]
@@ -271,13 +271,13 @@ ALIKE = 0.99  # Fraction of the largest value above which a value counts as equa
 
 
 def last_of_largest(sizes: ArrayLike) -> int:
-    """Return the last position in `sizes` (S,) of a value within a percent of the largest."""
+    """Return the last position of a value within 1 % of the largest."""
     values = np.nan_to_num(sizes)
     return int(np.flatnonzero(values >= ALIKE * values.max())[-1])
 
 
 def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool]]:
-    """Yield each extreme, its node or cell, and True if half of the field at its step is within 1 % of the extreme."""
+    """Yield each extreme, the node or cell, and True for a nearly uniform field."""
     found: dict[str, tuple[quoted.Extreme, int, Floats]] = {}
     # If squares overflow, the extremes are infinite.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -293,7 +293,7 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """Return the nodes near an extreme: nodes of its cell and, in the plane, of adjacent cells; or contact nodes."""
+    """Return the nodes near an extreme."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -310,7 +310,7 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
-    """Yield (key, (name, unit, values, places)) for each field with extremes, at a stored step."""
+    """Yield key, name, unit, values and places of each field at a stored step."""
     mesh, contact = history.mesh, history.contact
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
@@ -338,11 +338,11 @@ RECORDS: dict[str, type] = {
     "sides.": Sides,
     "stabilisation.": VertexWeights,
 }
-"""Classes of the records that a history consists of, by the prefix of array names in files."""
+"""Classes of the records of a history, by the prefix of array names in files."""
 
 
 def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
-    """Yield the name of every array of a history, the array, and its description."""
+    """Yield the name, the values and the description of each array of a history."""
     for prefix, kind in RECORDS.items():
         record = attrgetter(prefix[:-1])(history) if prefix else history
         for name, of in array_fields(type(record)).items() if isinstance(record, kind) else ():
@@ -351,7 +351,7 @@ def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayFiel
 
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
-    """Return the results of a posed scene from its march; `assembled` is the time of assembly in seconds."""
+    """Return the results of a trajectory; `assembled` is the time of assembly in seconds."""
     times, material, prestress = trajectory.times[trajectory.stored].tolist(), posed.material, posed.prestress
 
     def in_time(name: str, shape: tuple[int, ...], value: Callable[[float], Floats | None]) -> Floats:
@@ -400,7 +400,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
 
 
 def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that subtracts the mean displacement and rotation of Pi u from nodal values (n_nodes, dim)."""
+    """Return a function that subtracts the mean displacement and rotation from nodal values."""
     points, dim = space.mesh.points, space.dim
     values, gradient = mean_weights(space, np.ones(space.mesh.n_cells, dtype=bool))
     modes, reads = rigid_modes(points - points.mean(axis=0)), rigid_modes(gradient)
@@ -409,7 +409,7 @@ def without_mean_motion(space: Space) -> Callable[[Floats], Floats]:
 
 
 def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
-    """Return u (n_u,) for the free unknowns y (n,) at the instant `t`."""
+    """Return the nodal displacements (n_u,) for the free unknowns y at time t."""
     u: Floats = posed.supports.P @ y
     return u if posed.supports.still else u + posed.supports.motion(t)
 
@@ -422,7 +422,7 @@ def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
     tensor[:, space.dim :] *= 0.5
     size = np.abs(np.hstack([principal(tensor), hoop])).max(axis=1)
     k, volumes = int(np.argmax(size)), space.mesh.measures
-    # Strains at a singular corner are large on any fine mesh: they alone are no reason to warn.
+    # Large strains in a few cells at singular corners are no reason to warn.
     if volumes[size > WARNING_FRACTION].sum() > 0.01 * volumes.sum():
         place, t = coordinates(space.mesh.centroids[k]), float(results.times[row])
         log.warning(
@@ -436,7 +436,7 @@ def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
     if not unsettled or len(posed.obstacles.nodes) == 0:
         return
     rubbed = np.diff(contact.wear, axis=0) * contact.friction_lengths
-    # Contact must be open before and after a step: contact that closes or opens in a step may rub while it is closed.
+    # Contact that closes or opens in a step may rub while it is closed.
     gone = ~(contact.closed[1:] | contact.closed[:-1])
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
@@ -450,7 +450,7 @@ def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
 
 
 def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """Return the nodal forces (n_u,) of dashpots in the step that ends at a stored row."""
+    """Return the nodal forces (n_u,) of dashpots in the step of a stored row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -464,18 +464,18 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], **more: str
 ) -> Iterator[SolvedProgram]:
-    """Add scene, mesh and solver to programs as their origin."""
+    """Add an origin (scene, mesh, solver) to programs."""
     origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
     return (replace(program, origin=origin) for program in programs)
 
 
 def size_of(mesh: Mesh) -> dict[str, Any]:
-    """Return the numbers of cells and nodes, and h, by their names in files."""
+    """Return the number of cells, the number of nodes, and h by name."""
     return {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
 
 
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:
-    """Return the programs of these steps, with one factorisation; raise HistoryError if the history has no scene."""
+    """Return the programs of some steps; raise HistoryError without a scene."""
     if history.scene is None:
         raise HistoryError(
             "program: the scene of the history is unknown, because the history was read from files or joined. Use one "

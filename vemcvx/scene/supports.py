@@ -1,18 +1,19 @@
 """Supports: the free unknowns, and the displacement that supports prescribe.
 
-Supports prescribe A u = g(t), with one row per direction at a node or at a pair of nodes. Elimination gives
+Supports prescribe A u = g(t), with one row per direction at a node or a pair of nodes. Elimination gives
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-with the free unknowns y and the prescribed displacement u_D = H g. Nodal reactions R = A'f have the row forces f = H'R.
+with the free unknowns y and the prescribed displacement u_D = H g. The forces f of the rows are f = H'R, if R = A'f are
+the nodal reactions.
 
 A support with patterns M, such as the motions of a rigid part, prescribes A u = g(t) + M c with unknown amplitudes c.
 Then u = P y + H g + (H M) c, and orthonormal columns that span H M become the last columns of P.
 
-Nodes that rows connect form a *site*; every other node is a separate site. At each site Gram-Schmidt makes an
-orthonormal frame: first from prescribed directions, then from normals of bilateral contact, then from normals of
-friction and obstacles, then from coordinate axes. Directions of the first two kinds are held; the others are columns of
-P. So each friction term has its own unknowns, and a solver can set its slip to exactly zero.
+Nodes that are joined by rows form a *site*; a single node is also a site. At each site, Gram-Schmidt makes an
+orthonormal frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact,
+normals of friction and obstacles, coordinate axes. The first two kinds are held; the last two become columns of P. So
+each friction term has separate unknowns, and a solver can set a slip to exactly zero.
 """
 
 from __future__ import annotations
@@ -42,16 +43,16 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 class Supports:
     """The free unknowns of a body, and the displacement that supports prescribe."""
 
-    P: sp.csr_matrix  # (n_u, n) orthonormal columns, one per free unknown, ordered by site
-    owner: Ints  # (n,) the site of each free unknown
-    sites: Ints  # (n_nodes,) the site of every node; sites are numbered in the order of their first nodes
+    P: sp.csr_matrix  # (n_u, n) orthonormal columns, ordered by site
+    owner: Ints  # (n,) site of each free unknown
+    sites: Ints  # (n_nodes,) site of each node
     points: Floats
-    given: Sequence[Support]  # the supports whose rows make up A, in this order
-    A: sp.csr_matrix  # (s, n_u) the prescribed components
-    H: sp.csr_matrix  # (n_u, s) A H = I; column j is zero if row j depends on earlier rows
-    depends: Bools  # (s,) True for rows that depend on earlier rows
-    reach: Floats  # (s,) the distance of each row from the span of earlier rows
-    amplitudes: int = 0  # number of amplitudes among the free unknowns; they come last and belong to no site
+    given: Sequence[Support]  # supports in the order of their rows in A
+    A: sp.csr_matrix  # (s, n_u) prescribed components
+    H: sp.csr_matrix  # (n_u, s) zero columns for dependent rows
+    depends: Bools  # (s,) mask of rows that depend on earlier rows
+    reach: Floats  # (s,) distance of each row from the span of earlier rows
+    amplitudes: int = 0  # number of amplitudes, the last free unknowns
 
     @cached_property
     def still(self) -> bool:
@@ -60,14 +61,14 @@ class Supports:
 
     @cached_property
     def moved(self) -> Ints:
-        """The nodal values at nodes that supports move, as ascending numbers."""
+        """The ascending numbers of nodal values at nodes that supports move."""
         dim, moving = self.points.shape[1], repeat_by_row(self.given, [s.value is not None for s in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
     @cached_property
     def linked(self) -> Ints:
-        """The site (n_nodes,) of every node, where sites that move with one amplitude count as one site."""
+        """The site (n_nodes,) of each node, after joining sites with a common amplitude."""
         count, last = len(self.points), self.P.shape[1] - self.amplitudes
         entries = self.P[:, last:].tocoo()
         links = np.column_stack([self.sites[entries.row // self.points.shape[1]], count + entries.col])
@@ -75,15 +76,15 @@ class Supports:
         return linked
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
-        """Return a function that describes the i-th of these nodes in words."""
+        """Return a function that describes node `nodes[i]` in words."""
         return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
     def gather(self, f: Forces) -> Forces:
-        """Return P'f, the forces on the free unknowns, for a vector (n_u,) or a sparse matrix (n_u, q)."""
+        """Return P'f, the forces on the free unknowns."""
         return self.P.T @ f
 
     def on_free(self, rows: sp.csr_matrix) -> sp.csr_matrix:
-        """Return rows @ P, where entries near 0, 1 and -1 become exactly these numbers."""
+        """Return rows @ P, with entries near 0, 1 and -1 rounded."""
         B: sp.csr_matrix = rows @ self.P
         B.data[np.abs(B.data) < SAME] = 0.0
         unit = np.abs(np.abs(B.data) - 1.0) < SAME
@@ -103,12 +104,12 @@ class Supports:
         freedom = np.zeros((int(side.max(initial=-1)) + 1, dim, dim))
         np.add.at(freedom, side, own[place])
         values, vectors = np.linalg.eigh(freedom)
-        # `freedom` adds up the projectors of corners. Directions with eigenvalues of at most 1e-9 are held.
+        # Directions with eigenvalues of at most 1e-9 are held at all corners.
         return np.einsum("bik,bk,bjk->bij", vectors, np.where(values > 1e-9, 1.0, 0.0), vectors)
 
     @cached_property
     def motion(self) -> Callable[[float], Floats]:
-        """The function t -> u_D (n_u,), the prescribed displacement; it raises SceneError if supports disagree."""
+        """The function t -> u_D, which raises SceneError if supports contradict each other."""
         return lru_cache(maxsize=1)(self._evaluate)
 
     def _evaluate(self, t: float) -> Floats:
@@ -123,7 +124,7 @@ class Supports:
         for support, wanted, rows in zip(self.given, each, slices_of(self.given), strict=True):
             missing = np.where(self.depends[rows], np.abs(wanted - present[rows]), 0.0)
             scale = max(np.abs(wanted).max(initial=0.0), np.abs(present[rows]).max(initial=0.0))
-            # Nearly dependent rows are only near the span of earlier rows: `reach` allows for the distance.
+            # `reach` allows for nearly dependent rows.
             wrong = missing > SAME * scale + 2.0 * self.reach[rows] * size
             if wrong.any() and not support.contact:
                 row = int(np.argmax(wrong * missing))
@@ -135,12 +136,12 @@ class Supports:
 
 
 def by_precedence(supports: Sequence[Support]) -> list[Support]:
-    """Sort supports so that contact comes last: prescribed displacements take precedence."""
+    """Sort supports so that contact comes last."""
     return sorted(supports, key=lambda s: s.contact)
 
 
 def check_off_axis(surfaces: Sequence[ContactSurface]) -> None:
-    """Raise SceneError where contact acts on the axis of a body of revolution, which has no area."""
+    """Raise SceneError if contact acts on the axis of a body of revolution."""
     for surface in surfaces:
         if (surface.lengths == 0.0).any():
             found = f"{surface.subject}: found sides on the axis of the body of revolution, which have no area"
@@ -148,7 +149,7 @@ def check_off_axis(surfaces: Sequence[ContactSurface]) -> None:
 
 
 def check_bonds(holds: Sequence[Support], others: Sequence[Friction | Obstacle]) -> None:
-    """Raise SceneError where contact or friction acts on a bonded interface."""
+    """Raise SceneError if contact or friction acts on a bonded interface."""
     for bond in (support for support in holds if support.patterns is not None and support.partners is not None):
         ends = pairs_of([bond])
         for other in (*holds, *others):
@@ -197,11 +198,8 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
 def _split_sites(
     site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
-    """Return P (without amplitudes), H, the site of each column of P, and `depends` and `reach` of prescribed rows.
-
-    Row i is at the site `at_site[i]`; the first `count` rows are prescribed, the others are normals and tangents.
-    """
-    # Nodal values are numbered within their site; each row depends only on nodal values of one site.
+    """Return P without amplitudes, H, owner, depends and reach; the first `count` rows are prescribed."""
+    # `local` numbers the nodal values within sites.
     n_nodes = len(site)
     members = np.argsort(site, kind="stable")
     first = np.searchsorted(site[members], np.arange(site.max() + 2))
@@ -222,7 +220,7 @@ def _split_sites(
         frame, axis_of, length = _frames(own)
         depends[rows[:, :prescribed]], reach[rows[:, :prescribed]] = axis_of[:, :prescribed] < 0, length[:, :prescribed]
         place, row = np.nonzero(axis_of[:, :prescribed] >= 0)
-        # Rows replace axes in `matrix`. Free axes are orthogonal to rows, and so to columns of the inverse.
+        # Free axes are orthogonal to rows, and so to columns of the inverse.
         matrix, axis = frame.copy(), axis_of[place, row]
         matrix[place, axis] = own[place, row]
         inverse = np.linalg.inv(matrix)[place, :, axis]
@@ -246,7 +244,7 @@ def _split_sites(
 def _span_amplitudes(
     given: Sequence[Support], A: sp.csr_matrix, H: sp.csr_matrix, reach: Floats, points: Floats
 ) -> sp.csr_matrix:
-    """Return orthonormal columns (n_u, k) that span H M, the nodal motions for unit amplitudes."""
+    """Return orthonormal columns that span H M."""
     each = [np.zeros((len(s.nodes), 0)) if s.patterns is None else s.patterns for s in given]
     M = block_diag(np.zeros((0, 0)), *each)
     if M.shape[1] == 0:
@@ -263,7 +261,7 @@ def _span_amplitudes(
             f"contradicts the free motions of {loose}. Prescribe there the motion of the rigid part (motion= of "
             "Rigid), or keep other supports and bilateral contact off its nodes."
         )
-    # Cholesky QR, done twice, keeps motions of different parts exactly separate; Householder QR does not.
+    # Unlike Householder QR, Cholesky QR keeps motions of different parts exactly separate.
     for _ in range(2):
         motions /= np.linalg.norm(motions, axis=0)
         motions = motions @ np.linalg.inv(np.linalg.cholesky(motions.T @ motions)).T
@@ -271,7 +269,7 @@ def _span_amplitudes(
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
-    """Return the site of every node (n_nodes,); sites are numbered in the order of their first nodes."""
+    """Return the site of each node, numbered in the order of first nodes."""
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
@@ -282,7 +280,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield, for S sites with equal counts of nodes and rows: nodes (S, n), rows (S, k), number of prescribed rows."""
+    """Yield nodes, rows and the number of prescribed rows of equally large sites."""
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
     begin, held = np.searchsorted(at_site[order], sites), np.bincount(where[:count], minlength=len(sites))
@@ -294,11 +292,7 @@ def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Itera
 
 
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
-    """Build orthonormal frames (S, D, D) from rows (S, k, D) by Gram-Schmidt; coordinate axes complete a frame.
-
-    Return also the axis (S, k) that each row gave, or -1 if the row depends on earlier rows, and the distance (S, k) of
-    the row from the span of earlier rows.
-    """
+    """Return orthonormal frames, the axis of each row (-1 for dependent rows), and the reach of rows."""
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)
 

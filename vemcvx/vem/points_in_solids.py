@@ -1,8 +1,8 @@
 """Matrices that evaluate virtual functions and cell data at points of polyhedra.
 
-A point lies in a closed cell if the faces of the cell, seen from the point, have solid angles with the sum 4 pi, or if
-the point is on one of these faces up to rounding. On faces, virtual functions u are piecewise linear on triangles.
-Inside a cell, the values of u are unknown, and we use the projection Pi u (:mod:`.projection`).
+A point is in a cell if the solid angles of the faces, seen from the point, add up to 4 pi, or if the point is on a
+face. On faces, a virtual function u is linear on triangles. Inside cells, the projection Pi u (:mod:`.projection`)
+replaces the virtual function.
 """
 
 from __future__ import annotations
@@ -20,10 +20,7 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return two matrices, from nodal values and from cell values, to values at points (p, 3).
-
-    Where several cells meet at a point, the cell values are averaged. Points outside the mesh have empty rows.
-    """
+    """Return the matrices from nodal and cell values to values at points; outside points have empty rows."""
     parts = [_places(space, mesh, x[k : k + CHUNK_SIZE]) for k in range(0, len(x), CHUNK_SIZE)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
@@ -38,7 +35,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))
     order = np.lexsort([cell, point])
     point, cell = point[order], cell[order]
-    # For each pair of a point and a cell that may contain it, list the triangles of the faces of the cell.
+    # List the triangles of faces for each pair of a point and a nearby cell.
     counts = np.diff(mesh.cell_offsets)[cell]
     side = spans(mesh.cell_offsets[cell], counts)
     face = mesh.cell_faces[side]
@@ -52,13 +49,13 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
     on = distance <= reach
     holds = (np.bincount(pair, angles, len(point)) > 2.0 * np.pi) | (np.bincount(pair, on, len(point)) > 0)
     if mesh.interfaces:
-        # On an interface of two bodies, cells of the second body count only if no other cell contains the point.
+        # On an interface, cells of the first body take precedence.
         seconds = np.zeros(mesh.n_faces, dtype=bool)
         for joint in mesh.interfaces.values():
             seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
         second = holds & (np.bincount(pair, on & np.repeat(seconds[face], several), len(point)) > 0)
         holds &= ~(second & np.isin(point, point[holds & ~second]))
-    # Points on faces get the value on the nearest triangle, other points the value of Pi u in their first cell.
+    # Points on faces get values on triangles, other points values of Pi u.
     near = np.flatnonzero(on & holds[pair])
     best = near[least_of_each(point[pair[near]], distance[near])]
     traced, columns = point[pair[best]], 3 * triangle[best][:, None] + np.arange(3)
@@ -73,7 +70,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Return offsets and corners (t, 3, 3) of the triangles of faces, and the matrix from nodal to corner values."""
+    """Return the triangles of faces: offsets, corners, matrix from nodal to corner values."""
     owner, corners, values = [], [], []
     for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
         f, n = group.nodes.shape
@@ -82,7 +79,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
         row = np.arange(f)[:, None, None]
         owner.append(np.repeat(group.faces, group.triangles.shape[1]))
         corners.append(at[row, group.triangles].reshape(-1, 3, 3))
-        # Each face has the values at its vertices, then the value at its centre c.
+        # A face has values at the vertices, then at the centre.
         entries = np.concatenate([np.broadcast_to(np.eye(n), (f, n, n)), group.weights[:, None]], axis=1)
         columns = np.repeat(group.nodes[:, None], n + 1, axis=1)
         starts = np.arange(0, f * (n + 1) * n + 1, n)
@@ -96,7 +93,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return, for each triangle, barycentric coordinates (k, 3) of a point near the origin, and the distance."""
+    """Return barycentric coordinates of a point of each triangle near the origin, and the distance."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

@@ -1,7 +1,7 @@
-"""Stabilisations S_K: energies of u - Pi u, the part of a displacement u that the projection Pi drops on a cell K.
+"""Stabilisations S_K: energies of the remainder u - Pi u on a cell K, for a displacement u with the projection Pi u.
 
-For vertex values, S_K has a symmetric matrix S, positive definite on the range of I - Pi. It adds (I - Pi)' S (I - Pi)
-to the local matrix of the cell. The patch test and the error bounds hold for any S_K. The method is stable if S_K is
+For vertex values, S_K has a symmetric matrix S that is positive definite on remainders. The local matrix of the cell
+gets the term (I - Pi)' S (I - Pi). The patch test and the error bounds hold for any S_K. The method is stable if S_K is
 comparable to the true energy of u - Pi u, (2.9) of the paper named in :mod:`vemcvx` (docs/theory/virtual_elements.md).
 The stabilisations S = tau h_K^(dim - 2) I have names: "shear" for tau = 2 mu, and "unit", as in the paper, for tau = 1.
 """
@@ -75,7 +75,7 @@ class VertexWeights(Stabilisation):
 
 
 def stabilisation_of(given: str | Stabilisation, shear: Floats) -> Stabilisation:
-    """Return a named stabilisation, given the shear moduli (n_cells,), or a user's stabilisation unchanged."""
+    """Return the stabilisation of a name, or a user's stabilisation unchanged."""
     if isinstance(given, Stabilisation):
         return given
     if given not in NAMES:
@@ -91,7 +91,7 @@ def in_components(form: Floats, dim: int) -> Floats:
 
 
 def add_stabilisation(blocks: Floats, cells: CellGroup, stabilisation: Stabilisation, C: Floats) -> None:
-    """Add (I - Pi)' S (I - Pi) of a user's stabilisation to local matrices; raise SceneError if S is not valid."""
+    """Add (I - Pi)' S (I - Pi) to local matrices; raise SceneError for invalid S."""
     if cells.simplices:
         return
     S = _check_form(stabilisation, cells, C, blocks.shape[-1])
@@ -126,7 +126,7 @@ def _require_positive(stable: Floats, name: str) -> None:
     count, n, _, dim, _ = stable.shape
     values = np.linalg.eigvalsh(stable.transpose(0, 1, 3, 2, 4).reshape(count, n * dim, n * dim))
     largest = np.abs(values).max(axis=1)
-    # Eigenvalues ascend. The first dim (dim + 1) are zero, for linear displacements; the next must be positive.
+    # The lowest dim (dim + 1) eigenvalues are zero, for linear displacements.
     least, first = values[:, 0], values[:, dim * (dim + 1)]
     if ((least < -ROUNDING * largest) | (first <= ROUNDING * largest)).any():
         raise SceneError(
@@ -136,15 +136,15 @@ def _require_positive(stable: Floats, name: str) -> None:
 
 
 def products_of_remainder(Pi: Floats) -> Floats:
-    """Return (I - Pi)'(I - Pi), (c, n, n), for the projection Pi in vertex values."""
+    """Return (I - Pi)'(I - Pi)."""
     missed = np.eye(Pi.shape[1]) - Pi
     product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
-    # A matrix product may sum entries (i, j) and (j, i) in different orders: make the result exactly symmetric.
+    # Rounding makes the product slightly unsymmetric.
     return 0.5 * (product + product.transpose(0, 2, 1))
 
 
 def remainder_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Floats) -> Floats:
-    """Return S_K(u - Pi u, u - Pi u) of all cells, (n_cells,); zero on cells without a material."""
+    """Return the energies S_K(u - Pi u, u - Pi u) of all cells."""
     energies = np.zeros(space.mesh.n_cells)
     for group in space.groups:
         for chunk in () if group.simplices else group.chunks():

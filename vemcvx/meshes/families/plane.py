@@ -33,12 +33,11 @@ def squares(
     Parameters
     ----------
     n : int or (int, int)
-        Number of cells along the shortest side of the box; cells are nearly square. A pair has the numbers of cells
-        along x and y.
+        Number of cells along the shortest side of the box, or numbers of cells along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
-        Seed of random numbers: the same seed gives the same mesh. This mesh does not depend on it.
+        Seed of random meshes; equal squares do not depend on it.
     size : float
         Width of a cell, instead of n; it is rounded so that whole cells fill the box.
 
@@ -64,7 +63,7 @@ def squares(
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
-    """Return nodes ((nx + 1)(ny + 1), 2) row by row, and the corners (nx ny, 4) of the cells, counter-clockwise."""
+    """Return the nodes of a grid row by row, and the corners (nx ny, 4) of cells."""
     x, y = box.ticks(nx, ny)
     points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
     first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
@@ -72,7 +71,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of the marked points. Each row has the points of a cell; -1 and unmarked points are left out."""
+    """Return the mesh of cells `rows`, without unmarked points and entries -1."""
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
@@ -130,15 +129,14 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines separate the rows of cells. A line has two nodes per cell, alternately high and low. Node i of line k
-    # is high if k + i is even; then an upright edge joins it to node i of line k + 1.
+    # Zigzag lines separate rows of cells; upright edges begin at high nodes.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
     present = np.where(line == 0, high, np.where(line == rows, ~high, True)) | ends
     zigzag = np.where(flat, 0.0, np.where(high, 1.0, -1.0)) * (rectangle.lengths[1] / rows / 6.0)
     points = np.column_stack([x[half.ravel()], y[line.ravel()] + zigzag.ravel()])
-    # A cell has up to three vertices on the line below, and up to three on the line above.
+    # A cell has up to three vertices on each of two zigzag lines.
     row, middle = np.nonzero(~high[:-1])
     across = middle[:, None] + np.array([-1, 0, 1])
     below, above = (across + (2 * columns + 1) * (row + k)[:, None] for k in (0, 1))
@@ -184,12 +182,12 @@ def hanging(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n counts large cells. The seed chooses three tenths of them, which are split in four.
+        n counts large cells; three tenths of the large cells, chosen at random, are split in four.
 
     Returns
     -------
     PolygonMesh
-        Large cells row by row, with four quarters in the position of a split cell.
+        Large cells row by row; four quarters replace a split cell.
 
     Examples
     --------
@@ -203,7 +201,7 @@ def hanging(
 
 
 ZIGZAG = 0.15
-"""Distance of nodes of `nonconvex` from the edges of squares, divided by the width of a square; below 1/3."""
+"""Relative distance of new nodes from the edges of squares in `nonconvex`; below 1/3."""
 
 
 def nonconvex(
@@ -227,7 +225,7 @@ def nonconvex(
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # Each edge has two more nodes, at 1/3 and 2/3 of its length, on its two sides. Horizontal edges come first.
+    # Every edge becomes a zigzag with two new nodes; horizontal edges come first.
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, ZIGZAG], [2 / 3, -ZIGZAG]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-ZIGZAG, 1 / 3], [ZIGZAG, 2 / 3]]) * pitch

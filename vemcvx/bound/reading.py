@@ -1,23 +1,23 @@
-"""Linear fits to data on edges and in cells, for bounds, and the energy of the remainders.
+"""Linear fits to the data of a scene, and the energies of the remainders.
 
-Effects are evaluated on edges cut into pieces (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells.
-Error bounds are theorems if loads and friction bounds equal their linear fits at all these points, and gaps are linear
-where bodies touch. Otherwise error bounds are theorems for the fits, called the data *as read*.
+Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells.
+They are theorems if these data are linear on edges and in cells. Otherwise they are theorems for linear fits to the
+data, called the data *as read*.
 
-The load minus its fit is the omitted load l_0(w), a linear functional of displacements w. Its norm is eta = sup l_0(w)
-/ |w|. We estimate eta^2 by the sum of the following energies. A remainder is a datum minus its fit, l_e is the length
-of an edge, and d_K the longest side of the box of a cell:
+A remainder is a datum minus the fit. On a displacement w, all remainders do the work l_0(w). The functional l_0 has the
+norm eta = sup l_0(w) / |w|, with the energy norm |w|. We estimate eta^2 by the sum of the following energies, with the
+shear modulus mu, the length l_e of an edge, and the longest side d_K of the box of a cell:
 
-    remainders of       work on a displacement v     energy
-    tractions t         int t . v                    l_e / (4 mu) |t|^2_e
-    friction bounds g   int g |v_t|                  l_e / (4 mu) |g|^2_e
-    body forces f       int f . v                    d_K^2 / (18 mu) |f|^2_K
-    gaps d              none; v changes by d         2 mu max |d|^2
+    remainder of        work on w                    energy
+    tractions t         int t . w                    l_e / (4 mu) |t|^2_e
+    friction bounds g   int g |w_t|                  l_e / (4 mu) |g|^2_e
+    body forces f       int f . w                    d_K^2 / (18 mu) |f|^2_K
+    gaps d              none; w changes by d         2 mu max |d|^2
 
-The solutions for the data and for their fits differ by at most eta, also with friction. Poincare inequalities give at
-most l_e / (2 mu) |t|^2_e on an edge of a half space (the exact factor is (3 - 4 nu) / pi <= .96), and d_K^2 / (9 mu)
-|f|^2_K in a cell. Half of each suffices, because remainders are orthogonal to linear functions. Features between the
-evaluated points may be missed.
+The solutions for the data and for the fits differ by at most eta, also with friction. Poincare inequalities give at
+most l_e / (2 mu) |t|^2_e on an edge of a half space, and d_K^2 / (9 mu) |f|^2_K in a cell. The exact factor on a half
+space is (3 - 4 nu) / pi <= .96 instead of 1. Half of each value suffices, because remainders are orthogonal to linear
+functions. Changes of data between the evaluated points may be missed.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ from vemcvx.scene import PosedScene, contributions, suppress_scene_warnings
 from vemcvx.vem import Space
 from vemcvx.vem.tensors import elastic_matrix
 
-POINCARE = 1.0 / 9.0  # Poincare constant: 1 / pi^2 for convex cells in a box of longer side 1, plus 10 % for rotations.
+POINCARE = 1.0 / 9.0  # Poincare constant 1 / pi^2 of a convex cell in a unit box, plus 10 %
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Fits to the data at an instant, linear on edges and in cells."""
+    """The linear fits to the data at an instant."""
 
     tractions: Floats  # (b, 2, 2) tractions at the ends of edges
-    friction: Floats  # (b, 2) given bounds of friction at the ends of edges
+    friction: Floats  # (b, 2) given friction bounds at the ends of edges
     body: Floats  # (n_cells, 6) coefficients of body forces, as in fan.Fans
-    omitted: Floats  # remainders at all points, scaled so that the sum of squares is eta^2
+    omitted: Floats  # scaled remainders, with the norm eta
 
     @property
     def eta(self) -> float:
-        """The estimated norm of the omitted load; zero if data are linear at all examined points."""
+        """The estimated norm of the functional l_0."""
         return float(np.linalg.norm(self.omitted))
 
 
@@ -63,8 +63,8 @@ class Reader:
 
     posed: PosedScene
     edges: Skeleton
-    fans: Sequence[Fans] = ()  # the cells in which bounds fit body forces
-    effects: Sequence[Effect] | None = None  # the effects to evaluate; None for the effects of the scene
+    fans: Sequence[Fans] = ()  # cells with fits to body forces
+    effects: Sequence[Effect] | None = None  # None for the effects of the scene
 
     @cached_property
     def fine(self) -> FineBoundary:
@@ -73,7 +73,7 @@ class Reader:
 
     @cached_property
     def parts(self) -> list[Contribution]:
-        """The contributions of all effects to the fine mesh; effects with zero data are included."""
+        """The contributions of the effects to the fine mesh."""
         return list_parts(self.posed, Space(self.fine.mesh), self.effects)
 
     @property
@@ -116,7 +116,7 @@ class Reader:
         return Reading(tractions, np.maximum(friction[..., 0], 0.0), body, omitted)
 
     def local_errors(self, now: Instant, means: Floats) -> Floats:
-        """Return energies (b,) of (tractions - `means`), (friction bounds - interpolants) and (gaps - interpolants)."""
+        """Return the energies (b,) of remainders on edges, with `means` as fits to tractions."""
         edges, shear, squares = self.edges, self.edges.shear[self.edges.outer], np.zeros(len(self.edges.outer))
         tractions = self._tractions(now.t)
         squares += np.mean(np.sum(_remove_rounding(tractions, tractions - means[:, None]) ** 2, axis=2), axis=1)
@@ -126,7 +126,7 @@ class Reader:
         return edges.lengths**2 / (2.0 * shear) * squares + 2.0 * shear * self._deviations_of_gaps(now) ** 2
 
     def _tractions(self, t: float) -> Floats:
-        """Return the mean tractions (b, PIECES, 2) of loads on the pieces of edges."""
+        """Return the mean tractions (b, PIECES, 2) on pieces of edges."""
         fine, force = self.fine, np.zeros(self.fine.pieces.shape)
         for load in (load for part in self.parts for load in part.loads):
             if load.edges is not None:
@@ -134,7 +134,7 @@ class Reader:
         return force.reshape(-1, PIECES, 2) * (PIECES / self.edges.lengths[:, None, None])
 
     def _friction_bounds(self, t: float) -> Floats:
-        """Return given bounds of friction at new nodes, (b, PIECES - 1, 1)."""
+        """Return given friction bounds (b, PIECES - 1, 1) at new nodes."""
         g = np.zeros((len(self.fine.owner), 1))
         for friction in (one for one in self.frictions if one.law is None):
             at, bound, _ = self.fine.read(friction, (friction.weights(t) / friction.lengths)[:, None])
@@ -142,7 +142,7 @@ class Reader:
         return g.reshape(-1, PIECES - 1, 1)
 
     def body_forces(self, t: float) -> tuple[Floats, Floats]:
-        """Return fits (n_cells, 6) to body forces, and the remainders, scaled like `Reading.omitted`."""
+        """Return linear fits (n_cells, 6) to body forces, and the scaled remainders."""
         found, scaled = np.zeros((len(self.edges.mesh.areas), 6)), [np.zeros(0)]
         factor = np.sqrt(0.5 * POINCARE / self.edges.shear) * self.edges.sizes
         for fans in self.fans if self.body_loads else ():
@@ -158,7 +158,7 @@ class Reader:
         return found, np.concatenate(scaled)
 
     def _deviations_of_gaps(self, now: Instant) -> Floats:
-        """Return for each edge (b,) the largest |gap - interpolant| where the edge touches an obstacle."""
+        """Return the largest |gap - interpolant| (b,) where edges touch obstacles."""
         fine, edges, highest = self.fine, self.edges, np.zeros(len(self.edges.outer))
         if not self.obstacles:
             return highest
@@ -193,13 +193,13 @@ class Reader:
 
 
 def stiffness_of(obstacle: Obstacle) -> Floats:
-    """Return the stiffness (m,) per length of an obstacle; rigid obstacles have the entry 0."""
+    """Return the stiffness per length (m,) of an obstacle, zero where the obstacle is rigid."""
     soft = obstacle.compliance > 0
     return np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
 
 
 def _fit_lines(s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Fit linear functions to values at positions s on edges; return their values (b, 2, d) at ends, and remainders."""
+    """Return the end values (b, 2, d) of linear fits on edges, and the remainders."""
     basis = np.column_stack([1.0 - s, s])
     found = np.matmul(np.linalg.pinv(basis), values)
     return found, _remove_rounding(values, values - np.matmul(basis, found))
@@ -210,7 +210,7 @@ def _remove_rounding(values: Floats, left: Floats) -> Floats:
 
 
 def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None = None) -> list[Contribution]:
-    """Return the contributions of all effects to a space, also of effects with zero data; materials are posed."""
+    """Return the contributions of effects to a space, and the materials of the posed scene."""
     others = [effect for effect in effects or posed.scene.canonical if not isinstance(effect, MaterialLaw)]
     with suppress_scene_warnings():
         return [*(part for _, part in contributions(others, space)), *posed.laws]
@@ -226,7 +226,7 @@ def varies_in_place(parts: Sequence[Contribution]) -> bool:
 def compare_stresses(
     posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
-    """Return (C - C_K) eps + sigma_0 - sigma_0K and C at points `at`; C_K and sigma_0K are constant on each cell."""
+    """Return the stress error of cell-wise constant data, and the elastic matrices, at points."""
     (x, owner), material, dim = at, posed.material, posed.space.dim
     C_K, blocked_K = elastic_matrix(material.moduli, dim), material.thermal_stress_moduli
     C, blocked = C_K[owner], blocked_K[owner]

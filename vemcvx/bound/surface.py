@@ -1,17 +1,17 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
-All functions are linear on edges, and given by values at both ends. For loads and friction bounds, :mod:`.reading`
-gives these values; for gaps and ground motions, they are nodal values.
+Functions on edges are linear, and given by values at both ends. Loads and friction bounds are the fits of
+:mod:`.reading`.
 
-Let s be the slip of the displacement v in the step, -q the friction on the body and g its bound, z = v_n - gap the
-depth, p the pressure, and k the stiffness of a compliant obstacle. Any |q| <= g and p >= 0 are admissible. We divide
-the multipliers of the run by lengths, and clip them to these limits. The defect of v, q and p in the laws of friction
-and contact is the sum of
+A displacement v has the normal component v_n, the slip s in the step, and the depth z = v_n - gap. The friction on the
+body is -q, with the bound g, and the pressure is p. A compliant obstacle has the stiffness k. Tractions with |q| <= g
+and p >= 0 are admissible. We take the multipliers of the run, divided by lengths and clipped to these limits. The
+defect of v, q and p in the laws of friction and contact is the sum of
 
     friction                rigid obstacles (z <= 0)        compliant obstacles
     int (g |s| - q s),      int -p z,                       int (k z_+^2 / 2 + p^2 / (2 k) - p z),
 
-each >= 0. On an edge where s changes sign, |s| is replaced by its linear interpolation, which is larger.
+Each integral is >= 0. Where s changes sign on an edge, the linear interpolation of |s| replaces |s|, and is larger.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 
 
 def products(a: Floats, b: Floats) -> Floats:
-    """Return the means (b,) on edges of the products of two linear functions, given at both ends, (b, 2)."""
+    """Return the mean (b,) of the product of two linear functions on edges."""
     return np.asarray(np.einsum("bi,ij,bj->b", a, MASS, b))
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
-    """Return the components (b, 2), along `ways` (b, 2), of vectors (b, 2, 2) at both ends of edges."""
+    """Return the components (b, 2) of end vectors along `ways`."""
     return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
 def squares_above_zero(z: Floats) -> Floats:
-    """Return the means (b,) on edges of z_+^2 for linear functions z, given at both ends, (b, 2)."""
+    """Return the mean (b,) of z_+^2 on edges for linear functions z."""
     least, most = np.sort(z, axis=1).T
     crossing = (least < 0.0) & (most > 0.0)
     span = np.where(crossing, most - least, 1.0)
@@ -56,18 +56,18 @@ def squares_above_zero(z: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The forces on the boundary edges (b,) at an instant, and the laws of friction and contact there."""
+    """The forces, friction and contact on boundary edges at an instant."""
 
-    loads: Floats  # (b, 2, 2) forces of the loads at both ends of edges (`forces_of`)
-    forces: Floats  # (b, 2, 2) forces of loads, friction and pressure
-    cost: Floats  # (b,) int (g |s| + k z_+^2 / 2): cost of friction, and energy of obstacles
-    gap: Floats  # (b,) defect of v, q and p in the laws of friction and contact
-    laws: Floats  # (2, b, 2) g and q at the ends of edges; g is zero without friction
-    slip: Floats  # (b, 2) s
+    loads: Floats  # (b, 2, 2) end forces of loads (`forces_of`)
+    forces: Floats  # (b, 2, 2) end forces of loads, friction and pressure
+    cost: Floats  # (b,) int (g |s| + k z_+^2 / 2)
+    gap: Floats  # (b,) defects in the laws of friction and contact
+    laws: Floats  # (2, b, 2) g and q at the ends of edges
+    slip: Floats  # (b, 2) s at the ends of edges
 
     @classmethod
     def from_loads(cls, loads: Floats) -> Surface:
-        """Return the surface with loads (b, 2, 2) only, without contact."""
+        """Return a surface with loads, without contact."""
         none = np.zeros(loads.shape[:2])
         edges, laws = none[:, 0], np.stack([none, none])
         return cls(loads=loads, forces=loads, cost=edges, gap=edges, laws=laws, slip=none)
@@ -78,7 +78,7 @@ class _Pressing:
     """The pressure of rigid or of compliant obstacles."""
 
     ends: Floats  # (b, 2) p at the ends of edges
-    acts: Bools  # (b,) True for edges with an obstacle
+    acts: Bools  # (b,) mask of edges with an obstacle
     depth: Floats  # (b, 2) z, zero without an obstacle
     stiffness: Floats | None  # (b, 2) k; None for rigid obstacles
 
@@ -90,7 +90,7 @@ class _Pressing:
         return np.asarray(0.5 * self.stiffness.max(axis=1) * squares_above_zero(self.depth))
 
     def law_defect(self, p: Floats) -> Floats:
-        """Return the mean defect (b,) in the law of contact for pressures p (b, 2)."""
+        """Return the mean defect (b,) in the law of contact."""
         if self.stiffness is None:
             return products(p, np.maximum(-self.depth, 0.0))
         return np.asarray(self.stored + 0.5 * products(p, p) / self.stiffness.min(axis=1) - products(p, self.depth))
@@ -105,7 +105,7 @@ class Boundary:
     reader: Reader
 
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on the directions in which supports prescribe motions, or if `joined` jumps."""
+        """Return projectors (b, 2, 2) on the directions of prescribed motions, or of jumps if `joined`."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -118,12 +118,12 @@ class Boundary:
 
     @cached_property
     def bonds(self) -> Floats:
-        """The projectors (j, 2, 2) on the directions in which the two edges of each joint are bonded."""
+        """The projectors (j, 2, 2) on the bonded directions of joints."""
         return self._project_prescribed(True)[self.edges.joints.first]
 
     @cached_property
     def free(self) -> Floats:
-        """The projectors (b, 2, 2) on the directions in which supports do not hold edges."""
+        """The projectors (b, 2, 2) on the directions that supports leave free."""
         free, joints = np.eye(2) - self._project_prescribed(False), self.edges.joints
         held = (free[[joints.first, joints.second]] != np.eye(2)).any(axis=(0, 2, 3))
         if (held & self.bonds.any(axis=(1, 2))).any():
@@ -134,7 +134,7 @@ class Boundary:
         return free
 
     def _moves(self, directions: Floats) -> Bools:
-        """Return True (b,) for edges whose motion, or jump at a joint, can have a component along `directions`."""
+        """Return a mask (b,) of edges that can move or jump along `directions`."""
         joints = self.edges.joints
         moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > SAME
         along = directions[joints.first]
@@ -144,7 +144,7 @@ class Boundary:
 
     @cached_property
     def _effect_edges(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges with friction, and of edges with obstacles."""
+        """The masks (b,) of edges with friction and of edges with obstacles."""
         found = np.zeros((2, len(self.edges.outer)), dtype=bool)
         rows: tuple[Friction | Obstacle, ...] = (*self.reader.frictions, *self.reader.obstacles)
         for one in rows:
@@ -159,13 +159,13 @@ class Boundary:
 
     @cached_property
     def acting(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges with friction that can slip, and of edges with obstacles that can move normally."""
+        """The masks (b,) of edges on which friction and on which obstacles can do work."""
         slip, normal = self._effect_edges
         return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
 
     @cached_property
     def touching(self) -> Bools:
-        """The mask (b,) of edges with friction, obstacles, or a bonded body."""
+        """The mask (b,) of edges with friction, an obstacle or a bonded body."""
         joints, (slip, normal) = self.edges.joints, self._effect_edges
         found = slip | normal
         found[joints.first] |= self.bonds.any(axis=(1, 2))
@@ -173,7 +173,7 @@ class Boundary:
         return found
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
-        """Return the support that prescribes `components` farthest from u on edges, and the distance; or (None, 0)."""
+        """Return the support that differs most from u between nodes, and the difference."""
         ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
         for support in self.reader.supports:
@@ -186,7 +186,7 @@ class Boundary:
         return found, most
 
     def check_supports(self, now: Instant) -> None:
-        """Raise SceneError if the displacement differs from the values of supports between nodes."""
+        """Raise SceneError if a support prescribes a displacement that is not linear on edges."""
         support, off = self.off_supports(
             now.u, lambda one: np.zeros(len(one.nodes)) if one.value is None else np.asarray(one.value(now.t))
         )
@@ -198,7 +198,7 @@ class Boundary:
             )
 
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
-        """Return the surface at the end of a step; `body` (j,) is the work of body forces on `motions`."""
+        """Return the surface after a step, for the work `body` of body forces on `motions`."""
         tangents, units, lengths = self.edges.tangents, self.edges.units, self.edges.lengths
         g, slip, loads = self._friction_bound(now, read), self._slip(now, before), self.forces_of(read.tractions)
         q, rigid, soft = self._friction(now, g), self._pressing(now, False), self._pressing(now, True)
@@ -219,22 +219,21 @@ class Boundary:
         )
 
     def forces_of(self, tractions: Floats) -> Floats:
-        """Return int t phi (b, 2, 2) for linear tractions t and hat functions phi; t is given at both ends of edges."""
+        """Return the end forces int t phi (b, 2, 2) of tractions t, with hat functions phi."""
         return np.asarray(np.matmul(self.edges.lengths[:, None, None] * MASS, tractions))
 
     def law_defect(self, before: Surface, now: Surface) -> float:
-        """Return the defect D >= 0 of a step in Tresca's law, if friction and displacements are linear in time."""
+        """Return the defect of a step in Tresca's law, with friction linear in time."""
         g, q = 0.5 * (before.laws + now.laws)
         means = products(g, np.abs(now.slip)) - products(q, now.slip)
         return max(float(np.sum(self.edges.lengths * means)), 0.0)
 
     def _at_ends(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return values (m, j) of rows at both ends of edges, (b, 2, j); an end without a row copies the other end."""
+        """Return the values (b, 2, j) of rows at the ends of edges."""
         both = at_ends(self.edges, rows, np.column_stack([values, np.ones(len(values))]))
         return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
 
     def _friction_bound(self, now: Instant, read: Reading) -> Floats:
-        """Return the friction bound g (b, 2) at the ends of edges; laws are evaluated at the computed pressure."""
         terms, g = self.posed.terms, read.friction
         if self.follows_pressure:
             g = self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0]
@@ -246,14 +245,14 @@ class Boundary:
         return any(friction.law is not None for friction in self.reader.frictions)
 
     def _slip(self, now: Instant, before: Instant) -> Floats:
-        """Return the slip (b, 2) in a step at the ends of edges, relative to the ground."""
+        """Return the slip s (b, 2) relative to the ground."""
         moved = np.zeros((len(self.edges.outer), 2))
         for friction in self.reader.frictions:
             if friction.ground is not None:
                 motion = friction.ground.vector(now.t) - friction.ground.vector(before.t)
                 motion = np.einsum("md,md->m", motion, tangents_of(friction.normals)[:, 0])
                 way = self.reader.fine.tips(friction, motion[:, None])[..., 0]
-                # Frictions on the same edge have the same ground motion, which counts once.
+                # Frictions on an edge have one ground motion, which counts once.
                 moved = np.where(np.isfinite(way), way, moved)
         return along(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
 
@@ -278,7 +277,7 @@ class Boundary:
         return _Pressing(pressure, acts[:, 0], z, np.where(acts, k, 1.0) if compliant else None)
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """Return depths z (b, 2), -inf on edges without an obstacle, and the stiffness k (b, 2) of obstacles."""
+        """Return the depths z (b, 2), -inf without an obstacle, and the stiffnesses k (b, 2)."""
         fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):
@@ -304,11 +303,11 @@ class Boundary:
     def _balance(
         self, friction: tuple[Floats, Floats], pressing: tuple[Floats, tuple[Bools, Bools]], loads: Floats, body: Floats
     ) -> tuple[Floats, Floats]:
-        """Return admissible q (b, 2) and pressures (2, b, 2) that balance the loads, near the given q and pressures."""
+        """Return admissible q (b, 2) and pressures (2, b, 2) that balance the loads."""
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # Find the work (2 b, j) of linear tractions that are 1 at one end of an edge and 0 at the other end.
+        # The work (2 b, j) of hat functions as tractions.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)
@@ -331,8 +330,8 @@ class Boundary:
 
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
-    """Return projectors (n_nodes, 2, 2) on the directions in which a node can move alone; P is a basis of motions."""
-    # P is orthonormal, so these directions are the eigenvectors of diagonal blocks of P P' with the eigenvalue one.
+    """Return projectors (n_nodes, 2, 2) on the directions in which nodes can move alone."""
+    # P is orthonormal, so blocks of P P' have the eigenvalue 1 along these directions.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]

@@ -32,7 +32,7 @@ TABLE, PICTURE, ARCHIVE = "cost.csv", "cost.png", "reference.npz"
 
 
 def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
-    """Return the arguments of `simulate` for a point of the sweep; two time steps if the point has none."""
+    """Return the arguments of `simulate` for a point of the sweep."""
     problem, solver = read_problem(path), make_solver(point.solver, point.accuracy)
     return problem.pose(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
@@ -61,7 +61,7 @@ class Cost:
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
-        posed = recipe(points[-1])  # An invalid problem raises one error here; in `sweep` each point would report one.
+        posed = recipe(points[-1])  # An invalid problem fails here once, and not at each point.
         if posed.scene.is_axisymmetric:
             raise ProblemError("cost: found a body of revolution, for which energy errors are not measured.")
         with Owned(folder) as files:
@@ -74,7 +74,7 @@ class Cost:
         say("\n".join([*lines, *advice(found.rows, targets or [0.05]), "", written]))
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return the points of the sweep, the finest first; by default, `OTHER_SOLVERS` run on few meshes."""
+        """Return the points of the sweep."""
         kinds = self._families(problem)
         ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)
         steps = parse_list("--steps", self.steps, _whole, WHOLE)

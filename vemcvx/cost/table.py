@@ -1,4 +1,4 @@
-"""The Pareto front, the advice and the picture of the rows of a sweep."""
+"""The Pareto front, advice and picture for the rows of a sweep."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def answers(rows: Sequence[Row]) -> list[Row]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return the rows as CSV, with one more column for each cost in AXES: 1 on the Pareto front, else 0."""
+    """Return the rows as CSV, with columns that mark the Pareto fronts."""
     fronts = {f"front_{cost}": front(answers(rows), cost) for cost in AXES}
     return csv([row | {name: int(row in best) for name, best in fronts.items()} for row in rows])
 
 
 def front(rows: Sequence[Row], cost: str) -> list[Row]:
-    """Return the rows that are more accurate than all rows of the same or a lower cost, by increasing cost."""
+    """Return the rows on the Pareto front of error and cost, by increasing cost."""
     best, kept = float("inf"), []
     for row in sorted(rows, key=lambda row: (row[cost], row["error"])):
         # Errors that differ by less than 1 % count as equal.
@@ -57,7 +57,7 @@ def front(rows: Sequence[Row], cost: str) -> list[Row]:
 
 
 def growing_extremes(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence for each quantity in EXTREMES that keeps growing on the finest meshes of a family."""
+    """Yield a sentence for each extreme that grows on the finest meshes of a family."""
     uniform = [row for row in answers(rows) if row["target"] is None]
     for (key, words), family in product(EXTREMES.items(), dict.fromkeys(row["family"] for row in uniform)):
         own = {row["n"]: row.get(key) or 0.0 for row in uniform if row["family"] == family}
@@ -66,7 +66,7 @@ def growing_extremes(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
-    """Yield a line for each error level: the fastest run that reaches the level, or else the most accurate run."""
+    """Yield a line for each error level, with the fastest run that reaches the level."""
     found = sorted(answers(rows), key=lambda row: row["seconds"])
     best = min(found, key=lambda row: row["error"], default=None)
     for level in levels:
@@ -82,7 +82,7 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str) -> Figure:
-    """Draw true errors over costs. Lines mark `levels`; a band marks errors below `resolved`."""
+    """Draw true errors over costs, lines at `levels`, and a band below `resolved`."""
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     if not found:
         raise VemcvxError("no run has an answer")

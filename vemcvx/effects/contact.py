@@ -1,4 +1,4 @@
-"""Contact (bilateral, rigid, compliant, in velocities) and friction (Tresca's, Coulomb's, by speed)."""
+"""Effects of contact and friction."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from vemcvx.vem.projection import tangents_of
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation, u . n = 0 with the outward normal n: (3.6) of the paper.
+    """Contact without separation: u . n = 0, with the outward normal n (equation (3.6) of the paper).
 
-    At a corner, u . n = 0 holds for both normals, which fixes the node. Adjacent sides whose normals differ by
-    less than 42.5 degrees form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
+    At a corner, u . n = 0 holds for both normals, which fixes the node. If normals differ by less than 42.5 degrees,
+    the sides form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
 
     Parameters
     ----------
@@ -64,16 +64,16 @@ class BilateralContact(Effect):
 
 @dataclass(frozen=True)
 class PrescribedSlip(Effect):
-    """Given slip of a fault that stays closed: the jump of u is `value` along an interface and 0 across it.
+    """A closed fault with given slip: the jump of u is `value` along an interface, and 0 across the interface.
 
-    `history.reaction(on)` is the force along the fault that causes the slip, and `history.force(on)` the force across
-    the fault. TrescaFriction on the same interface acts against the slip; CoulombFriction is refused there.
+    `history.reaction(on)` is the force along the fault, which causes the slip. `history.force(on)` is the force across
+    the fault. TrescaFriction on the same interface acts against the slip. CoulombFriction is refused there.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        The slip along the tangent (n rotated by +90 degrees), length. Positive slip is right-lateral: seen from either
-        side, the other side moves to the right. In space the slip is a vector, and its part along the surface counts.
+        Slip along the tangent, length; the tangent is n rotated by +90 degrees. Positive slip is right-lateral: seen
+        from one side, the far side moves to the right. In space, a vector (m, 3) without the component along n.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact.
 
@@ -120,16 +120,16 @@ class PrescribedSlip(Effect):
 class UnilateralContact(Effect):
     """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
-    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with the normal n of the undeformed boundary and
-    the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988). Of two gaps at a node, the smaller holds.
+    The conditions u . n <= gap, p >= 0 and p (gap - u . n) = 0 hold at nodes, with the outward normal n of the
+    undeformed boundary and the pressure p (Kikuchi and Oden, *Contact Problems in Elasticity*, 1988).
 
     Parameters
     ----------
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, length. A negative gap is an overlap (press fit): use
-        ``initial="settled"``, or let the gap fall from zero.
+        Distance to the obstacle along n in the undeformed state, length. The smaller of two gaps at a node counts. For
+        a negative gap (press fit), use ``initial="settled"``, or let the gap fall from zero.
 
     Examples
     --------
@@ -174,7 +174,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration, > 0, force per length^2 (in space force per length^3), evaluated at t = 0.
+        Pressure per penetration at t = 0, > 0, force per length^2, in space force per length^3.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -193,7 +193,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # A node that moves by z along its normal moves its edges by c z, c = `cosines`. Forces have the factor c, too.
+        # A node motion z along the normal moves the edges by c z, c = `cosines`.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -203,10 +203,10 @@ class NormalCompliance(Effect):
 
 @dataclass(frozen=True)
 class VelocityContact(Effect):
-    """Contact in velocities: the body does not approach the obstacle, or a dashpot resists while it approaches.
+    """Contact in velocities: the body does not approach the obstacle, or a dashpot resists the approach.
 
     Without `damping`, Signorini's condition holds in velocities: u'.n <= 0, p >= 0, p u'.n = 0. With `damping`, the
-    pressure is p = damping (u'.n)_+, and its work is part of `history.dissipated`. In a step of length k, u' is
+    pressure is p = damping (u'.n)_+, and the work of p is part of `history.dissipated`. In a step of length k, u' is
     (u - u_prev) / k (docs/theory/coulomb.md).
 
     Parameters
@@ -243,8 +243,7 @@ class VelocityContact(Effect):
 
 
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# while_closed=True: if the weight w jumped from 0 to the nodal bound b at the normal force p = 0, some steps would have
-# no solution. The ramp w = min(STEEPNESS p, b) is continuous, so every step has a solution (Brouwer).
+# Steps may have no solution if the weight jumps at p = 0; min(STEEPNESS p, bound) is continuous (Brouwer).
 STEEPNESS = 1e6
 
 
@@ -253,7 +252,7 @@ class _Friction(Effect):
     ground: data.Datum | None = None
 
     def _rub(self, space: Space, rows: BoundaryRows, **acts: Any) -> Contribution:
-        """Return the contribution of friction on rows; `acts` are fields of Friction, such as weights."""
+        """Return the contribution of friction; `acts` are fields of Friction."""
         subject, ground = self._subject, None
         if self.ground is not None:
             if (rows.partners >= 0).any():
@@ -271,10 +270,10 @@ class _Friction(Effect):
 
 @dataclass(frozen=True)
 class TrescaFriction(_Friction):
-    """Friction with a given bound g, |sigma_tau| <= g: nodes stick below the bound, and may slip at the bound.
+    """Friction with a given bound g on the tangential stress: |sigma_tau| <= g.
 
-    By default, friction also acts where one-sided contact is open. Bounds of overlapping parts add up. Where a support
-    prescribes the motion along the obstacle, friction acts on the support.
+    Nodes stick below the bound, and may slip at the bound. By default, friction also acts where one-sided contact is
+    open. Bounds of overlapping parts add up. Friction acts on supports that prescribe motions along the obstacle.
 
     Parameters
     ----------
@@ -283,13 +282,13 @@ class TrescaFriction(_Friction):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     quadrature : {"nodes", "integral"}
-        The weight of node i, with its basis function phi_i: g(x_i) int phi_i ("nodes") or int g phi_i ("integral").
+        Weight of node i, with the basis function phi_i: g(x_i) int phi_i for "nodes", int g phi_i for "integral".
     while_closed : bool, optional
         True: the bound is g where one-sided contact is closed, and 0 elsewhere. False: the bound is g everywhere. None
-        (default): like False, but with a warning where friction acts without contact.
+        (default): the bound is g everywhere, with a warning where friction acts without contact.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        The displacement of the obstacle, length, if it slides under the body (such as a belt). Only its part along the
-        boundary counts; for motions along the normal, use a `gap` that changes in time.
+        Displacement of an obstacle that slides under the body, such as a belt; length. The normal component is ignored:
+        use a `gap` that changes in time.
 
     Examples
     --------
@@ -340,7 +339,7 @@ class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
     The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate is "for the given
-    friction": it takes the friction bounds of the computed pressure as given (docs/theory/coulomb.md).
+    friction": it holds for the friction bounds of the computed pressure (docs/theory/coulomb.md).
 
     Parameters
     ----------
@@ -384,15 +383,15 @@ class CoulombFriction(_Friction):
 
 @dataclass(frozen=True)
 class SpeedFriction(_Friction):
-    """Friction whose bound depends on the speed: |friction| <= bound(|s| / k) for the slip s in a step of length k.
+    """Friction whose bound depends on the speed: |friction| <= bound(|s| / k), with the slip s in a step of length k.
 
-    If `bound` falls with the speed, a step may have several solutions. The certificate then takes the friction bounds
-    of the computed speed as given (docs/theory/coulomb.md).
+    If `bound` falls with the speed, a step may have several solutions. The certificate then holds for the friction
+    bounds of the computed speed (docs/theory/coulomb.md).
 
     Parameters
     ----------
     bound : callable f(speed) -> (m,)
-        The friction bound, >= 0, force per length, in space per area. The speeds (m,) are >= 0, length per time.
+        Friction bound, >= 0, force per length, in space force per area. Speeds are >= 0, length per time.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     softening : number, optional

@@ -24,7 +24,7 @@ from vemcvx.vem.tensors import COMPONENTS, elastic_matrix, isotropic_stress, mod
 PLANES = ("strain", "stress")
 REVOLVED = "axisymmetric"
 IN_PLANE = [COMPONENTS[3].index(pair) for pair in COMPONENTS[2]]
-"""The positions of xx, yy and xy among the components in space."""
+"""The positions of xx, yy and xy among the six components in space."""
 
 
 class MaterialLaw(Effect):
@@ -38,16 +38,16 @@ class MaterialLaw(Effect):
 
 
 class Moduli(NamedTuple):
-    """The constants of k cells; :class:`Material` explains the first three."""
+    """The constants of k cells, as in :class:`Material`."""
 
     moduli: Floats  # (number of constants, k)
     thermal_stress_moduli: Floats  # (k, components)
     out_of_plane: Floats  # (k, 4); unused in space
-    shear: Floats  # (k,) the shear modulus of the stabilisation "shear"
+    shear: Floats  # (k,) for the stabilisation "shear"
 
 
 class _Elastic(MaterialLaw):
-    """An elastic material of the cells named by `on`, in plane strain, in plane stress or in space."""
+    """An elastic material of the cells named by `on`."""
 
     plane: str | None
     stabilisation: str | Stabilisation
@@ -57,7 +57,7 @@ class _Elastic(MaterialLaw):
 
     @abstractmethod
     def _law(self, at: data.InCells, space: Space) -> Moduli:
-        """Return the moduli at points of cells; raise SceneError for constants that are not admissible."""
+        """Return the moduli at points of cells."""
 
     @property
     def _plane(self) -> str:
@@ -95,7 +95,7 @@ class _Elastic(MaterialLaw):
         return Contribution(material=material, supports=self._axis(space) if space.axisymmetric else ())
 
     def _axis(self, space: Space) -> tuple[Support, ...]:
-        """Return the support u_r = 0 of the nodes on the axis; raise SceneError if a radius is negative."""
+        """Return the support u_r = 0 of the nodes on the axis of revolution."""
         nodes = nodes_of(space, self.on, type(self).__name__)
         r, largest = space.mesh.points[nodes, 0], np.abs(space.mesh.points[:, 0]).max()
         if (r < -SAME * largest).any():
@@ -113,7 +113,7 @@ class _Elastic(MaterialLaw):
 
 
 def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools:
-    """Return the cells (n_cells,) where one of the cell data `on` is nonzero; all cells if `on` is None."""
+    """Return a mask of the cells in which a cell datum named by `on` is nonzero."""
     known, cells = space.mesh.cell_data, np.full(space.mesh.n_cells, on is None)
     if on is None:
         return cells
@@ -131,14 +131,14 @@ def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bool
 
 
 def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints:
-    """Return the nodes of the cells where one of the cell data `on` is nonzero, ascending; all if `on` is None."""
+    """Return the nodes of the cells that `cells_of` selects."""
     inside, (cells, nodes) = cells_of(space, on, subject), space.incidences
     found: Ints = np.unique(nodes[inside[cells]])
     return found
 
 
-# sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper, with 2 lam mu / (lam + 2 mu) in place of lam in plane stress. If
-# an eigenstrain s in all directions is blocked, sigma = -b s I, where b = 3 lam + 2 mu, in plane stress 2 (lam + mu).
+# Hooke's law is sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper. In plane stress, lam is 2 lam mu / (lam + 2 mu).
+# A blocked thermal strain s causes sigma = -b s I, with b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu).
 STABILISATIONS = ("shear", "unit")
 
 
@@ -160,7 +160,7 @@ class Elasticity(_Elastic):
         The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
         the factor 2 mu and does not lock; "unit" has the factor 1, as in the paper.
     on : None, str or sequence of str
-        Names of cell data: the material fills the cells where one of them is nonzero. None is the whole body.
+        Names of cell data; the material fills the cells with a nonzero value. None is the whole body.
 
     Examples
     --------
@@ -214,13 +214,13 @@ class Elasticity(_Elastic):
 
 # Orthotropic linear elasticity (Lekhnitskii 1963; Jones 1999, chapter 2).
 #
-# In the axes 1, 2, 3 of the material the strains are e = S sigma, with Young's moduli E, shear moduli G and
+# A material has axes 1, 2, 3, Young's moduli E, shear moduli G, and nu_ij = -e_j / e_i under tension along i. In these
+# axes, normal strains are e = S sigma, and shear strains are 2 e_ij = sigma_ij / G_ij, with the symmetric matrix
 #
-#     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
+#     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]].
 #
-# where nu_ij = -e_j / e_i under tension along i; in space also 2 e_13 = sigma_13 / G13 and 2 e_23 = sigma_23 / G23. The
-# rows of R are the axes. With doubled shear strains, the strains eps in x, y, z become e = Q eps in these axes.
-# So C = Q^T S^{-1} Q. In a plane body, axis 3 is normal to the plane; in plane stress, nothing is coupled to axis 3.
+# The elastic matrix C_0 in these axes has the blocks S^{-1} and diag(G). Let Q map strains in x, y, z to strains in
+# these axes. Then C = Q' C_0 Q. In plane bodies, axis 3 is the normal. In plane stress, nothing is coupled to axis 3.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 
@@ -268,7 +268,7 @@ class Orthotropic(_Elastic):
         S = self._compliance(at, plane)
         C = np.zeros((len(S), 6, 6))
         C[:, :3, :3] = np.linalg.inv(S)
-        # G12, G13, G23; components are in the order xy, yz, xz.
+        # `shear` has the order xy, xz, yz; components have the order xy, yz, xz.
         for component, G in zip((3, 5, 4), self._read_constants(at, "shear", plane), strict=False):
             C[:, component, component] = G
         Q = _rotate_strains(self._frame(at))
@@ -287,7 +287,7 @@ class Orthotropic(_Elastic):
         return f"Orthotropic: E = {E}, nu = {nu}, G = {G}, {turned}"
 
     def _compliance(self, at: data.InCells, plane: str | None) -> Floats:
-        """Return S (k, 3, 3) for normal strains and stresses; in plane stress S has no coupling to axis 3."""
+        """Return the compliances S (k, 3, 3) of normal strains."""
         E, nu = self._read_constants(at, "young", plane), self._read_constants(at, "poisson", plane)
         S = np.zeros((E.shape[1], 3, 3))
         S[:, 2, 2] = 1.0
@@ -295,7 +295,7 @@ class Orthotropic(_Elastic):
             S[:, i, i] = 1.0 / values
         for (i, j), values in zip(((0, 1), (0, 2), (1, 2)), nu, strict=False):
             S[:, i, j] = S[:, j, i] = -values / E[i]
-        # Scale S to a unit diagonal: entries then do not depend on units, and do not overflow.
+        # Scale S to a unit diagonal, so that entries do not overflow.
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
         positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
         rule = "nu12^2 < E1 / E2" if plane == "stress" else "the matrix S of compliances must be positive definite"
@@ -304,7 +304,7 @@ class Orthotropic(_Elastic):
         return S
 
     def _frame(self, at: data.InCells) -> Floats:
-        """Return R (k, 3, 3), whose rows are the unit axes."""
+        """Return matrices (k, 3, 3) with the unit axes as rows."""
         angle = self._read("angle", at)
         rule = "it is in radians, from -2 pi to 2 pi"
         data.require(np.abs(angle) <= 2 * np.pi, angle, at, f"{self._subject}: found angle", rule)
@@ -312,7 +312,7 @@ class Orthotropic(_Elastic):
         return np.array([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
 
     def _read_constants(self, at: data.InCells, name: str, plane: str | None) -> Floats:
-        """Return the constants (count, k) of the field `name`; `plane` is None in space."""
+        """Return the constants (count, k) of the field `name`."""
         given, few = getattr(self, name), {"young": 2, "poisson": 1} if plane == "stress" else {}
         count = 1 if name == "shear" and plane is not None else few.get(name, 3)
         parts = [given] if count == 1 else given
@@ -329,7 +329,7 @@ def _is_sequence(given: object) -> TypeGuard[Sequence[Any]]:
 
 
 def _rotate_strains(R: Floats) -> Floats:
-    """Return Q (k, 6, 6), which maps strains in x, y, z to strains in the axes that are the rows of R (k, 3, 3)."""
+    """Return Q (k, 6, 6) for the axes in the rows of R."""
     Q = np.empty((len(R), 6, 6))
     for k, (a, b) in enumerate(COMPONENTS[3]):
         for m, (i, j) in enumerate(COMPONENTS[3]):
@@ -378,17 +378,17 @@ class ThermalStrain(Effect):
     """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is blocked.
 
     Hooke's law becomes sigma = C (eps - alpha theta I) (Boley and Weiner, *Theory of Thermal Stresses*, 1960).
-    `history.stress` is this sigma, `history.energy` is the energy of the total strain eps, and C alpha theta I counts
-    as a load in `history.work`. If theta is not zero at the first instant, begin with ``initial="settled"``.
+    `history.stress` is sigma, and `history.energy` is the energy of the total strain eps. The stress C alpha theta I is
+    a load in `history.work`. If theta is not zero at the first instant, begin with ``initial="settled"``.
 
     Parameters
     ----------
     expansion : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
         alpha, strain per degree.
     temperature : number, or callable f(x, t) -> (m,)
-        theta, degrees above the stress-free state, at centroids and t_n; positive for expansion (if alpha > 0).
+        theta, degrees above the stress-free state, at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data, such as names of bodies. Cells where one of them is nonzero expand; by default, all expand.
+        Names of cell data, such as names of bodies. Cells with a nonzero value expand; by default, all cells.
 
     Examples
     --------
@@ -421,9 +421,9 @@ class ThermalStrain(Effect):
 
 @dataclass(frozen=True)
 class Prestress(Effect):
-    """Initial stress, a stress sigma_0 at zero strain, for example of tendons or growth: sigma = C eps(u) + sigma_0.
+    """Initial stress sigma_0, for example of tendons or growth: sigma = C eps(u) + sigma_0.
 
-    `history.stress` is this sigma, `history.energy` is the energy of eps(u), and -sigma_0 counts as a load in
+    `history.stress` is sigma, and `history.energy` is the energy of eps(u). The stress -sigma_0 is a load in
     `history.work`. If sigma_0 is not zero at the first instant, begin with ``initial="settled"``.
 
     Parameters
@@ -432,7 +432,7 @@ class Prestress(Effect):
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
         stress. Force per area, tension positive, evaluated at centroids and t_n.
     on : str or sequence of str, optional
-        Names of cell data. The stress acts in cells where one of them is nonzero; by default, in all cells.
+        Names of cell data. The stress acts in cells with a nonzero value; by default, in all cells.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""The error of time steps, by comparison with the same run in finer steps (docs/theory/error_estimates.md).
+"""The error of time steps, estimated by a run in finer steps (docs/theory/error_estimates.md).
 
-For a run u with contact unknowns y, a finer run v with contact unknowns z, and the condensed matrix S,
-|u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n). If each step has FINER finer steps and errors are of first order,
-|u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). Without friction, viscosity and VelocityContact, steps make no error.
+Let u_n be a run at the instants t_n, u(t_n) the exact solution in time, and v_n a run with FINER finer steps in each
+step. If errors in the energy norm |.|_a are of first order, |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). With the
+contact unknowns y_n of u_n and z_n of v_n, and the condensed matrix S, |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n).
+Without friction, viscosity and VelocityContact, steps make no error.
 """
 
 from __future__ import annotations
@@ -16,23 +17,23 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER = 4  # least number of finer steps per step
-TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate; it suffices in tests, although the bound has the factor 4/3
+TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate; tests need less than 4/3
 
 
 @dataclass(frozen=True)
 class Finer:
     """The comparison of a run with a run in finer steps."""
 
-    errors: Floats  # (N + 1,) estimated |u_n - u(t_n)|_a, with the factor TO_EXACT
-    added: Floats  # (N,) error added by each step: TO_EXACT times the energy norm of the change of u - v
+    errors: Floats  # (N + 1,) estimated |u_n - u(t_n)|_a
+    added: Floats  # (N,) estimated error that each step adds
     times: Floats  # (q,) the finer instants
     norm: float  # largest energy norm of the finer run
-    bends: Floats  # as in the Course of the data
+    bends: Floats  # (k,) instants where the data bend
     jumps: tuple[str, ...]
 
 
 def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
-    """Compare a run from a state (n,) at times[0] with a run in finer steps; `known` is the course of the data."""
+    """Compare a run from an initial state with a run in finer steps."""
     known = sample_course(run.system, times) if known is None else known
     if run.operators.count == 0 or len(times) == 1:
         none = np.zeros(len(times))
@@ -51,18 +52,17 @@ def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known:
 
 
 def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
-    """Return the instants that split each step into `parts` steps, or more where data vary fast; bends are included."""
+    """Return the instants of at least `parts` finer steps per step."""
     chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
-    # Add an instant whenever int (|f''| / .016)^{1/2} dt of the data f has grown by 1. On the piece between two such
-    # instants, of length h, linear interpolation has the error h^2 |f''| / 8 = .002, relative to the largest f.
+    # On a piece of length h, linear interpolation of data f has the error h^2 |f''| / 8 = .002.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 
 
 def _march_retained(run: PreparedRun, times: Floats, initial: Floats) -> tuple[Floats, float]:
-    """March a run; return the retained unknowns (N + 1, m) at the instants, and the largest energy norm."""
+    """Return the contact unknowns (N + 1, m) of a run, and the largest energy norm."""
     state = settle_from(run, make_given_state(run, StepData.evaluate(run.condensation, float(times[0])), initial))
     found = np.empty((len(times), len(state.y)))
     found[0] = state.y

@@ -1,4 +1,4 @@
-"""HDF5 files of the Frictional Contact Library (FCLIB), each with one solved step with Coulomb's law.
+"""HDF5 files of the Frictional Contact Library (FCLIB): one solved step with Coulomb's law per file.
 
 FCLIB (Acary and others, INRIA RT-444, 2014, and fclib.h) states the law for the contact forces r and the relative
 displacements u. At each contact, r and u have a normal component (N) first, then one or two tangential components (T):
@@ -6,13 +6,13 @@ displacements u. At each contact, r and u have a normal component (N) first, the
     u = W r + q
     r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-In our program (:mod:`.arrays`), a contact has a limit j and a norm term i. Let the matrix h have the rows h_N = -D_j
-and h_T = B_i for each contact. The balance K d = g - B'lam - D'p gives
+In our program (:mod:`.arrays`), a contact has a limit j and a norm term i. The matrix h has the rows h_N = -D_j and
+h_T = B_i of each contact. The balance K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
-W is stored by rows (nz = -2). The JSON text `description` in `info` has `energy_error`, a bound of |d - d*|_K. Here d*
-solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
+W is stored by rows (nz = -2). The JSON text `description` in `info` has `energy_error`, a bound of |d - d*|_K. The
+exact answer d* solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -m
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """Return {".hdf5": contents of the file}; raise ProgramError unless the step has Coulomb's law."""
+    """Return the contents of the file under the key ".hdf5"."""
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):
@@ -66,12 +66,12 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
 
 
 def from_fclib(_: Path) -> StepProgram:
-    """Raise ProgramError: the file has coefficients of friction instead of the weights of a program."""
+    """Raise ProgramError, because FCLIB files are no convex programs."""
     raise ProgramError("an FCLIB file states Coulomb's law, no convex program; read an .npz, .mtx, .cbf or .mps.")
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
-    """Return the index of the norm term, and the coefficient of friction, for each limit."""
+    """Return the norm term and the coefficient of friction of each limit."""
     operators, slope = program.operators, program.slope
     words = "FCLIB's model is Coulomb's friction on rigid obstacles: "
     soft = (operators.compliance > 0).any()
@@ -84,7 +84,7 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     pairs.eliminate_zeros()
     single = (np.diff(pairs.indptr) == 1).all() and (np.bincount(pairs.indices, minlength=operators.count) == 1).all()
     mu, w = pairs.data, program.w[pairs.indices]
-    # In Coulomb's law w = mu p, up to a few rounding errors, each of at most EPS max(w).
+    # Coulomb's law is w = mu p, up to rounding errors.
     if not single or (np.abs(w - mu * program.answer.p) > 64 * EPS * w.max(initial=0.0)).any():
         raise ProgramError(f"{words}here some weights are not mu times one pressure of the answer.")
     return pairs.indices.astype(np.int64), mu

@@ -1,4 +1,4 @@
-"""Checks of the arguments of mesh families (boxes, numbers of cells), and of names and data of meshes."""
+"""Checks of boxes, numbers of cells, names and data of meshes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Box:
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int) -> list[Floats]:
-        """Return, for each axis, the coordinates of the ends of `count` equal intervals."""
+        """Return the ends of equal intervals along each axis."""
         ends = zip(self.low, self.high, counts, strict=True)
         return [np.linspace(low, high, count + 1) for low, high, count in ends]
 
@@ -82,7 +82,7 @@ def check_whole(name: str, value: Any, least: int = 1) -> int:
 
 
 def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
-    """Return the number of cells along each axis, for cells that are `stretch` times as wide as squares."""
+    """Return the number of cells along each axis."""
     if (isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)) and size is None:
         names = [f"n{axis}" for axis in AXES[: len(box.low)]]
         if len(n) != len(names):
@@ -96,7 +96,7 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """Return the number of cells along each axis before rounding; n cells lie along the shortest side."""
+    """Return the number of cells along each axis before rounding."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"give either n (cells along the shortest side) or size= (the width of a cell); got {both}.")
@@ -116,7 +116,7 @@ def check_total(cells: float) -> None:
 
 
 def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
-    """Map points from [0, size] to [low, high]; points on sides stay on sides exactly."""
+    """Map points from the box [0, size] to the box [low, high]."""
     moved = np.clip(low + points * ((high - low) / size), low, high)
     moved = np.where(points == 0.0, low, moved)
     return np.where(points == size, high, moved)
@@ -124,7 +124,7 @@ def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Fl
 
 WHOLE = "boundary"
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
-"""Dimension -> for each axis, the names of the sides where the coordinate is least and greatest."""
+"""The names of the sides at the least and the greatest coordinate, by dimension and axis."""
 T = TypeVar("T")
 
 
@@ -138,7 +138,7 @@ def check_name(name: object, what: str = "part of the boundary") -> str:
 
 
 def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
-    """Return a mask (m,) of the parts that a predicate selects by their midpoints or centroids (m, dim)."""
+    """Return a mask of the edges or faces that a predicate selects."""
     name, m = check_name(name), len(places)
     middles = {"edges": "midpoints", "faces": "centroids"}[parts]
     wanted = f"take all {middles} {places.shape} at once and return a boolean for each, like lambda x: x[:, 0] < 0.5"
@@ -158,7 +158,7 @@ def select_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
 
 
 def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
-    """Return the given mapping, or an empty mapping for None; raise MeshError for other types."""
+    """Return the given mapping, or an empty mapping for None."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -183,5 +183,5 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
     array = plain(values)
-    # No check accepts an empty array of objects.
+    # Every check refuses an empty array of objects.
     return np.empty(0, dtype=object) if array is None else array

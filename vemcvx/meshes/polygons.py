@@ -1,8 +1,8 @@
 """Polygons in flat arrays: shared edges and vertices, and geometry in the plane.
 
 Rows of different lengths are stored end to end in one array: row c is ``flat[offsets[c]:offsets[c + 1]]``. The array
-``vertices`` has one row per cell. Its entry k is called corner k. An edge starts at each corner: from ``vertices[k]``
-to the next vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b.
+``vertices`` has one row per cell. Entry k of ``vertices`` is called corner k. An edge goes from each corner to the next
+vertex of the cell. An undirected edge {a, b}, a < b, has the key a * n_nodes + b.
 
 Let d_i be the vector from the first vertex o of a cell to vertex i, and a x b = a_1 b_2 - a_2 b_1. A cell has
 
@@ -25,24 +25,24 @@ from vemcvx.base.arrays import Bools, Floats, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
-    """Return ranges end to end; range i has counts[i] whole numbers and begins with starts[i]."""
+    """Return the ranges starts[i], ..., starts[i] + counts[i] - 1, end to end."""
     before = np.cumsum(counts) - counts
     return np.repeat(starts - before, counts) + np.arange(counts.sum())
 
 
 def offsets_of(counts: Ints) -> Ints:
-    """Return the offsets at which rows of the given lengths begin, followed by the end of the last row."""
+    """Return the offsets of rows with the given lengths."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
 def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """Return the offsets and entries of the rows with the numbers `order`, in this order."""
+    """Return the offsets and entries of the rows with the numbers `order`."""
     counts = np.diff(offsets)[order]
     return offsets_of(counts), flat[spans(offsets[order], counts)]
 
 
 def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
-    """Return the vertices with the marked rows reversed; each row keeps its first vertex."""
+    """Return the vertices, with the marked rows reversed after the first vertex."""
     row, counts = cell_of_corner(offsets), np.diff(offsets)
     place = np.arange(len(vertices)) - offsets[row]
     mirrored = offsets[row] + -place % counts[row]
@@ -50,7 +50,7 @@ def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
 
 
 def find_in(keys: Ints, wanted: Ints) -> Ints:
-    """Return the position of each wanted number among the keys (k,): the first of equal keys, -1 if missing."""
+    """Return the first position of each wanted number among the keys, -1 if missing."""
     if not len(keys):
         return np.full(len(wanted), -1)
     order = np.argsort(keys, kind="stable")
@@ -59,20 +59,20 @@ def find_in(keys: Ints, wanted: Ints) -> Ints:
 
 
 def find_all_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
-    """Return all pairs (i, j) for which wanted number i equals key j, sorted by i."""
+    """Return all pairs (i, j) with wanted[i] == keys[j], sorted by i."""
     order = np.argsort(keys, kind="stable")
     begin, end = (np.searchsorted(keys[order], wanted, side=side) for side in ("left", "right"))
     return np.repeat(np.arange(len(wanted)), end - begin), order[spans(begin, end - begin)]
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """Return the position of the least value of each distinct key; keys are in ascending order."""
+    """Return the position of the least value of each distinct key, by ascending key."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Group rows that differ only in order; return the first row of each group, and the group of each row."""
+    """Return the first row of each group of equal sets, and the group of each row."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -87,7 +87,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
 
 
 def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
-    """Return, for each wanted row, the row with the same entries in any order; -1 if there is none."""
+    """Return the row with the same set of entries as each wanted row, or -1."""
     count = len(offsets) - 1
     whole = np.append(offsets, offsets[-1] + wanted_offsets[1:])
     first, number = same_rows(whole, np.append(flat, wanted))
@@ -96,7 +96,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return an order of all entries: each row is rotated so that it begins with its first True flag, if it has one."""
+    """Return an order of entries in which each row begins with the first True flag."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -105,26 +105,26 @@ def rotation(flags: Bools, offsets: Ints) -> Ints:
 
 
 def backwards(offsets: Ints) -> Ints:
-    """Return an order of all entries in which each row is reversed."""
+    """Return an order of entries that reverses each row."""
     return np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(offsets[-1])
 
 
 def next_corner(offsets: Ints) -> Ints:
-    """Return the position of the corner that follows each corner in its cell."""
+    """Return the corner after each corner in the same cell."""
     follow = np.arange(1, offsets[-1] + 1)
     follow[offsets[1:] - 1] = offsets[:-1]
     return follow
 
 
 def previous_corner(offsets: Ints) -> Ints:
-    """Return the position of the corner that precedes each corner in its cell."""
+    """Return the corner before each corner in the same cell."""
     before = np.arange(-1, offsets[-1] - 1)
     before[offsets[:-1]] = offsets[1:] - 1
     return before
 
 
 def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
-    """Return the vertex that follows each corner in its cell."""
+    """Return the vertex after each corner in the same cell."""
     return vertices[next_corner(offsets)]
 
 
@@ -134,25 +134,22 @@ def cell_of_corner(offsets: Ints) -> Ints:
 
 
 def corner_edges(offsets: Ints, vertices: Ints) -> Ints:
-    """Return the edge (a, b) that starts at each corner, (n_corners, 2)."""
+    """Return the edges (n_corners, 2) that start at the corners."""
     return np.column_stack([vertices, next_vertex(offsets, vertices)])
 
 
 def edge_keys(edges: Ints, n_nodes: int) -> Ints:
-    """Return one integer for each undirected edge (m, 2): min * n_nodes + max (exact below 3e9 nodes)."""
+    """Return the key of each undirected edge."""
     return np.minimum(edges[:, 0], edges[:, 1]) * n_nodes + np.maximum(edges[:, 0], edges[:, 1])
 
 
 def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
-    """Return the positions of wanted edges (k, 2), in either direction, among the edges (m, 2); all must exist."""
+    """Return the positions of wanted undirected edges among the edges."""
     return find_in(edge_keys(edges, n_nodes), edge_keys(wanted, n_nodes))
 
 
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-    """Return offsets and vertices of outlines with more nodes on some edges.
-
-    Row k of `nodes` goes into the edge from ``ends[k, 0]`` to ``ends[k, 1]``; `rows` are the offsets of `nodes`.
-    """
+    """Return outlines in which row k of `nodes` divides the edge `ends[k]`."""
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
     touched = np.zeros(count, dtype=bool)
@@ -170,33 +167,33 @@ def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: I
 
 @dataclass(frozen=True, eq=False)
 class SharedEdges:
-    """The corners of a mesh, sorted by the undirected edge that starts at them."""
+    """The corners of a mesh, sorted by undirected edge."""
 
     corners: Ints  # (n_corners,) sorted by edge, then by cell
-    first: Ints  # (n_edges,) position in `corners` of the first corner of each edge
-    counts: Ints  # (n_edges,) number of cells at each edge
+    first: Ints  # (n_edges,) first positions of edges in `corners`
+    counts: Ints  # (n_edges,) numbers of cells at edges
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
     def ends(self) -> Ints:
-        """Nodes of each edge (n_edges, 2), the smaller first; edges are sorted by these pairs."""
+        """The nodes (n_edges, 2) of the edges, the smaller node first."""
         return np.sort(corner_edges(*self.outlines)[self.corners[self.first]], axis=1)
 
     @cached_property
     def number(self) -> Ints:
-        """Number of the edge that starts at each corner, (n_corners,)."""
+        """The number of the edge at each corner."""
         number = np.empty_like(self.corners)
         number[self.corners] = np.repeat(np.arange(len(self.first)), self.counts)
         return number
 
     @property
     def alone(self) -> Ints:
-        """Corners at which a boundary edge (an edge of only one cell) starts, in the order of the cells."""
+        """The corners at which boundary edges start, in the order of cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
 
 def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
-    """Sort the corners by undirected edge (see `SharedEdges`)."""
+    """Sort the corners by undirected edge."""
     keys = edge_keys(corner_edges(offsets, vertices), n_nodes)
     corners = np.argsort(keys, kind="stable")  # keeps the order of cells
     _, first, counts = np.unique(keys[corners], return_index=True, return_counts=True)
@@ -204,7 +201,7 @@ def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Return, for each number below `count`, the smallest number that a chain of `pairs` links to it."""
+    """Return the smallest number that `pairs` link to each number below `count`."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     return np.unique(label, return_index=True)[1][label]
@@ -219,17 +216,17 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def right_of(vectors: Floats) -> Floats:
-    """Rotate vectors (..., 2) clockwise by 90 degrees: edges of counter-clockwise cells become outward normals."""
+    """Rotate vectors clockwise by 90 degrees."""
     return np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1)
 
 
 def rounding(*points: Floats) -> Floats:
-    """Return the largest rounding errors (m,) of distances between points (m, dim)."""
+    """Return the rounding errors of distances between points."""
     return TOLERANCE * np.max([np.abs(point).max(axis=1) for point in points], axis=0)
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i: box [low_i, high_i] meets box [tree_low_j, tree_high_j]."""
+    """Return pairs (i, j), sorted by i, of boxes i that meet tree boxes j."""
     import shapely
 
     if not len(low) or not len(tree_low):
@@ -242,7 +239,7 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
 
 def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
-    """Return the polygons (n_cells,) as Shapely objects."""
+    """Return the polygons as Shapely objects."""
     import shapely
 
     rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
@@ -250,14 +247,14 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
 
 def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, for which the point places[i] lies in the closed polygon j."""
+    """Return pairs (i, j), sorted by i, of points i in closed polygons j."""
     import shapely
 
     return tuple(shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects"))
 
 
 def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
-    """Return pairs (i, j) of polygons with each common part; a pair with two common parts is listed twice."""
+    """Return pairs (i, j) of polygons that overlap, and the common parts."""
     import shapely
 
     i, j = shapely.STRtree(second).query(first)
@@ -267,13 +264,13 @@ def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDA
 
 
 def triangulate(polygons: NDArray[Any]) -> Triangles:
-    """Split simple polygons into triangles between their vertices."""
+    """Split simple polygons into triangles."""
     corners, owner = _split_into_triangles(polygons)
     return Triangles(corners[:, :, :2], triangle_areas(corners[:, :, :2]), owner)
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return corners (x, y, z) of counter-clockwise Delaunay triangles, (t, 3, 3), and the polygon of each triangle."""
+    """Return the corners (t, 3, 3) and the polygons of counter-clockwise triangles."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
@@ -283,14 +280,14 @@ def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
 
 
 def close_pairs(points: Floats, distance: float) -> Ints:
-    """Return pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
+    """Return the pairs of points within a distance."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points).query_pairs(distance, output_type="ndarray").astype(np.int64)
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Return the distances (m,) from places (m, dim) to the nearest points, and the numbers (m,) of these points."""
+    """Return the distances from places to the nearest points, and the nearest points."""
     from scipy.spatial import cKDTree
 
     found: Any = cKDTree(points).query(places)
@@ -298,7 +295,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
-    """Return signed areas (n_cells,) and centroids (n_cells, 2); if the area is 0, the centroid is the first vertex."""
+    """Return signed areas and centroids of cells."""
     origin = points[vertices[offsets[:-1]]]
     here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
@@ -310,19 +307,19 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
 
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Return signed areas (c,) and centroids (c, 2) of polygons with the vertices (c, n, 2)."""
+    """Return signed areas and centroids of polygons with equal numbers of vertices."""
     c, n, _ = corners.shape
     return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the largest distance (n_cells,) between two vertices of each cell."""
+    """Return the largest distance between vertices of each cell."""
     counts = np.diff(offsets)
     squared = np.zeros(len(counts))
     for count in np.unique(counts):
         cells = np.flatnonzero(counts == count)
         corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-        for step in range(1, count // 2 + 1):  # two entries of a ring are at most half the ring apart
+        for step in range(1, count // 2 + 1):  # entries of a ring are at most half the ring apart
             apart = corner - np.roll(corner, -step, axis=1)
             squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
     return np.sqrt(squared)
@@ -330,8 +327,7 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 # Barycentric coordinates of the three-point rule of degree 2 with equal weights.
 DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
-# Barycentric coordinates of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5. Weights are 9/40 at
-# the centroid, and (155 + r) / 1200 at the permutations of (s, s, 1 - 2 s) with s = (6 + r) / 21, r = -+ sqrt 15.
+# Barycentric coordinates of Radon's seven-point rule of degree 5 (Monatsh. Math. 52 (1948)).
 RADON_POINTS = np.concatenate(
     [np.full((1, 3), 1.0 / 3.0)]
     + [np.full((3, 3), (6.0 + r) / 21.0) + (1.0 - r) / 7.0 * np.eye(3) for r in (-np.sqrt(15.0), np.sqrt(15.0))]
@@ -340,27 +336,27 @@ RADON_WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.
 
 
 class Triangles(NamedTuple):
-    """Triangles (t, 3, 2), their areas (t,), and the numbers (t,) of the polygons that contain them."""
+    """Triangles that divide polygons."""
 
-    corners: Floats
-    areas: Floats
-    owner: Ints
+    corners: Floats  # (t, 3, 2)
+    areas: Floats  # (t,)
+    owner: Ints  # (t,) polygons of the triangles
 
 
 def triangle_areas(corners: Floats) -> Floats:
-    """Return the areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
+    """Return the areas of triangles, positive if counter-clockwise."""
     return 0.5 * cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
 
 
 def places(corners: Floats, barycentric: Floats) -> Floats:
-    """Return the points (t, q, 2) with the given barycentric coordinates (q, 3) in each triangle."""
-    origin = corners[:, :1]  # keeps the digits far from the origin
+    """Return the points with given barycentric coordinates in each triangle."""
+    origin = corners[:, :1]  # reduces rounding for distant triangles
     return origin + np.matmul(barycentric, corners - origin)
 
 
 def split_at_vertices(corners: Floats) -> Ints:
-    """Split simple polygons (c, n, 2) into counter-clockwise triangles: return their corners (c, n - 2, 3)."""
+    """Return the vertices of counter-clockwise triangles in simple polygons."""
     c, n, _ = corners.shape
-    number = np.tile(np.arange(n), c)  # third coordinates, kept by Shapely: the number of each corner
+    number = np.tile(np.arange(n), c)  # Shapely keeps the number as a third coordinate
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))
     return _split_into_triangles(polygons)[0][:, :, 2].astype(np.int64).reshape(c, n - 2, 3)

@@ -1,4 +1,4 @@
-"""The operators that all steps share: K, the rows of norm terms and limits, and their responses to forces."""
+"""The matrices that all steps share: K, and the rows of norm terms and limits."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SQUARED_POSITIVE_PARTS = "squared positive parts"
 FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
 
 SYMMETRY_TOLERANCE = 1e-10
-"""Largest accepted difference between K and K', relative to the largest entry: rounding makes K asymmetric."""
+"""The largest accepted entry of K - K', relative to the largest entry of K."""
 
 
 def check_symmetric(K: Any, subject: str) -> None:
@@ -67,7 +67,7 @@ def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
 
 
 def as_read_only_symmetric(raw: Any, subject: str) -> Matrix:
-    """Convert a symmetric matrix into a read-only one, dense or sparse as it is given."""
+    """Convert a symmetric matrix, dense or sparse, into a read-only matrix."""
     if sp.issparse(raw):
         K: Matrix = as_read_only_rows(raw, subject)
     else:
@@ -81,7 +81,7 @@ def as_read_only_symmetric(raw: Any, subject: str) -> Matrix:
 
 
 def whole_blocks(block: Any, rows: int, subject: str) -> int:
-    """Return `block` as an int; raise SceneError if it does not divide the number of rows of B."""
+    """Return `block`, which must divide the number of rows of B."""
     if not is_whole(block) or block < 1 or rows % block:
         raise SceneError(
             f"{subject}: found B with {rows} rows and block = {brief(block)}; "
@@ -92,22 +92,22 @@ def whole_blocks(block: Any, rows: int, subject: str) -> int:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Operators(ArrayRecord):
-    """The matrices that all steps of a run share; they are read-only.
+    """The read-only matrices that all steps of a run share.
 
     Parameters
     ----------
     K : (n, n) array or sparse matrix
         Symmetric positive definite, or semidefinite with a `kernel`; dense after condensation.
     B : (m * block, n) matrix
-        Rows i * block to (i + 1) * block - 1 are B_i; the vector B_i d of norm term i is a slip.
+        Rows of norm terms. Norm term i has the rows B_i, from i * block to (i + 1) * block - 1, and the slip B_i d.
     block : int
         Number of components of B_i d: 1 for absolute values, more for second-order cones.
     given_factor : Factor, optional
-        A factor of K; by default K is factorised when it is first needed.
+        Factor of K, computed by default.
     kernel : (n, k) array, optional
         The kernel of a semidefinite K, orthonormal (:mod:`vemcvx.program.kernel`).
     D : (r, n) matrix, optional
-        D_j d is the motion towards limit j.
+        Rows of limits; D_j d is the motion towards limit j.
     compliance : (r,) array, optional
         Compliances c_j >= 0 of the limits; zero makes limit j a bound.
 
@@ -153,7 +153,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The lengths of g, w, b and e: one number per unknown, norm term, row of B, and limit."""
+        """The lengths of the vectors g, w, b and e of a program."""
         return self.K.shape[0], self.count, self.B.shape[0], self.D.shape[0]
 
     @cached_property
@@ -170,7 +170,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def regular(self) -> Matrix:
-        """The matrix K, plus the stiffness of anchors if K has a kernel; positive definite."""
+        """The positive definite matrix K, with anchors if K has a kernel."""
         return self.K if self.kernel is None else add_anchors(self.K, choose_anchors(self.kernel, self.K.diagonal()))
 
     @cached_property
@@ -183,7 +183,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """The matrix A Z (N, k) with the kernel Z (n, k) of K; k = 0 if K has no kernel."""
+        """The matrix A Z, with the kernel Z of K."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
@@ -197,7 +197,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def absolute(self) -> tuple[Matrix, sp.csr_matrix]:
-        """The matrices |K| and |A|, entry by entry, for bounds on rounding."""
+        """The absolute values of the entries of K and A."""
         return abs(self.K), abs(self.A)
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
@@ -205,27 +205,27 @@ class Operators(ArrayRecord):
         return np.asarray(self._transposed @ np.append(lam, p))
 
     def force(self, d: Floats) -> Floats:
-        """Return K d (n,), without rounding errors in the kernel of K."""
+        """Return K d, without rounding errors in the kernel of K."""
         force = product(self.K, d)
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
     def energy_norm(self, d: Floats) -> float:
-        """Return |d|_K of increments d (n,)."""
+        """Return the energy norm of d."""
         return energy_norm(self.K, d)
 
     def blocks(self, x: Floats) -> Floats:
-        """Return a view (m, block) of entries (m * block,)."""
+        """Return a view (m, block) of a vector."""
         return x.reshape(-1, self.block)
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The columns of the entries of B and D if each row has one, and no two rows share a column; else None."""
+        """The columns of B and D if rows have single entries in distinct columns."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and self.A.data.all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
 
     def move(self, held: Bools, x: Floats) -> Floats:
-        """Return a move v with A v = x on the rows in the mask `held` (N,), up to rounding."""
+        """Return v with A v = x on the rows in the mask `held`."""
         v, A = np.zeros(self.A.shape[1]), self.A[held]
         if self.own_columns is None:
             return np.asarray(lsqr(A, x, atol=1e-15, btol=1e-15, iter_lim=4 * len(x))[0])
@@ -234,12 +234,12 @@ class Operators(ArrayRecord):
 
     @cached_property
     def flexibilities(self) -> Floats:
-        """The diagonal (N,) of A K^{-1} A'; an estimate if the factor is iterative."""
+        """The diagonal of A K^{-1} A', estimated if the factor is iterative."""
         return self.factor.energies(self.A) if self.factor.exact else self._estimate_energies(self.A)
 
     @cached_property
     def norm_flexibility(self) -> Floats:
-        """The largest diagonal entry (m,) of each B_i K^{-1} B_i'."""
+        """The largest diagonal entries (m,) of the blocks B_i K^{-1} B_i'."""
         return np.asarray(self.blocks(self.flexibilities[: self.B.shape[0]]).max(axis=1))
 
     @property
@@ -249,12 +249,12 @@ class Operators(ArrayRecord):
 
     @cached_property
     def compliances(self) -> Floats:
-        """The diagonal (n,) of the inverse of `regular`; an estimate if K is sparse."""
+        """The diagonal of the inverse of `regular`, estimated if K is sparse."""
         unit = sp.csr_matrix(sp.eye_array(self.K.shape[0]))
         return self.factor.energies(unit) if isinstance(self.K, np.ndarray) else self._estimate_energies(unit)
 
     def rounding(self, forces: Floats, y: Floats) -> Floats:
-        """Return bounds on the rounding errors of x - K z for vectors x, z of absolute values `forces` and `y`."""
+        """Return bounds on rounding errors of x - K z, for |x| = `forces` and |z| = `y`."""
         return ROUNDED * (forces + product(self.absolute[0], y))
 
     def energies_of_rounding(self, rounding: Floats) -> Floats:
@@ -263,7 +263,7 @@ class Operators(ArrayRecord):
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Estimate e = b'K^{-1}b of each row b by c a, a = b'diag(K)^{-1}b; c is the largest e / a of sampled rows."""
+        """Estimate b'K^{-1}b of each row b by c b'diag(K)^{-1}b, with c from sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))
@@ -274,7 +274,7 @@ class DenseInverse(Factor):
     """The inverse of a dense K."""
 
     def __init__(self, K: Floats):
-        # LAPACK reads matrices by columns. It takes K' = K without a copy, in half the time.
+        # LAPACK reads matrices by columns, so K.T needs no copy.
         upper, info = dpotrf(K.T, lower=0) if len(K) else (K, 0)
         if info > 0:
             raise singular_matrix_error()
@@ -282,7 +282,7 @@ class DenseInverse(Factor):
         self._inverse: Floats = half + np.triu(half, 1).T
 
     def solve(self, b: Floats) -> Floats:
-        """Return K^{-1} b, of one right side or of several columns."""
+        """Return K^{-1} b."""
         return product(self._inverse, b) if b.ndim == 1 else np.asarray(self._inverse @ b)
 
     def energies(self, rows: sp.csr_matrix) -> Floats:
@@ -295,12 +295,12 @@ class DenseInverse(Factor):
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:
-    """Return K d (n,). Only one triangle of a dense K is read, which halves the time if K exceeds the cache."""
+    """Return K d, from one triangle of a dense K."""
     if not isinstance(K, np.ndarray) or len(d) == 0:
         return np.asarray(K @ d)
     return np.asarray(dsymv(1.0, K if K.flags.f_contiguous else K.T, d, lower=1))
 
 
 def energy_norm(K: Matrix, d: Floats) -> float:
-    """Return |d|_K of increments d (n,)."""
+    """Return the energy norm of d."""
     return float(np.sqrt(max(float(d @ product(K, d)), 0.0))) if d.any() else 0.0

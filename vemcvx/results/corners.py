@@ -1,15 +1,15 @@
 """Warnings of singular stress at point loads and at corners of plane bodies.
 
-A side is held in no direction (free, or open contact), in one direction (a roller, or contact without friction), or in
-both (a clamp, or contact with friction). Stress may grow without limit as the mesh is refined
+A free side or open contact is held in no direction, a roller or frictionless contact in one direction, and a clamp or
+contact with friction in two directions. Stress may grow without limit as the mesh is refined
 
-- if two sides of the same kind meet at more than 180 degrees, at a reentrant corner,
-- if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio
+- if two sides that are held in the same number of directions meet at more than 180 degrees (a reentrant corner),
+- if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
-(Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in extension*,
-J. Appl. Mech. 19, 1952). If just one of the two sides is held in one direction, the body is half of a symmetric body,
-and the angle between the sides counts twice. Where bodies meet in a corner, their angles add up. Corners between
-materials, jumps of loads or displacements, and edges and corners in space are not examined.
+The source is Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in
+extension*, J. Appl. Mech. 19, 1952. If exactly one side is held in one direction, the body is half of a symmetric body,
+and the angle counts twice. The angles of bodies that meet in a corner add up. Corners between materials, jumps of loads
+or displacements, and edges and corners in space are not examined.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from vemcvx.scene.rows import ContactRows
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 LEAST = np.pi / 4
-"""Least angle between a held and a free side at which stress may be singular, reached by incompressible bodies."""
+"""The least angle between a held side and a free side at which stress may be singular."""
 WITHOUT_LIMIT = "without limit as the mesh is refined"
 SUPPORTED = "free side", "roller", "clamp"
-"""Names of sides by the number of directions (0, 1, 2) in which supports hold the side."""
+"""The names of sides that supports hold in 0, 1 and 2 directions."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sides(ArrayRecord):
-    """The conditions on the edges of the boundary (none in space), and the nodes of point loads."""
+    """The supports and the contact of boundary edges, and the nodes with point loads."""
 
-    edges: Annotated[Ints, "sides 2", ""]  # the nodes of each edge, with the body on its left
-    held: Annotated[Ints, "sides", ""]  # the number of directions in which supports hold both ends
-    contact: Annotated[Bools, "sides", ""]  # True at rigid obstacles, and at interfaces on the first body
-    loaded: Annotated[Ints | None, "loaded", ""] = None  # the nodes with point loads
+    edges: Annotated[Ints, "sides 2", ""]  # nodes, with the body on the left
+    held: Annotated[Ints, "sides", ""]  # number of directions held by supports
+    contact: Annotated[Bools, "sides", ""]  # mask of edges with rigid contact
+    loaded: Annotated[Ints | None, "loaded", ""] = None  # nodes with point loads
 
     def beside(self, node: int) -> list[int]:
-        """Return a node of the boundary and its neighbours on the boundary."""
+        """Return a boundary node and the neighbours on the boundary."""
         near = self.edges[(self.edges == node).any(axis=1)]
         return [node, *(other for other in near.ravel().tolist() if other != node)]
 
@@ -60,7 +60,7 @@ def find_sides(posed: PosedScene) -> Sides:
     rows = np.concatenate([np.zeros(0, np.int64), *(load.matrix.tocoo().row for load in points)])
     edges = mesh.boundaries["boundary"] if isinstance(mesh, PolygonMesh) else np.zeros((0, 2), dtype=np.int64)
     free = posed.supports.free_directions(edges.ravel(), np.repeat(np.arange(len(edges)), 2))
-    # Compliant obstacles count as loads, because their pressure is bounded.
+    # The pressure of compliant obstacles is bounded, like a load.
     soft = posed.obstacles.compliance > 0
     return Sides(
         edges=edges,
@@ -71,20 +71,20 @@ def find_sides(posed: PosedScene) -> Sides:
 
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
-    """Return a mask of the edges (b, 2) with an end on which some rows act."""
+    """Return a mask of the edges at whose ends rows act."""
     return are_among(np.sort(edges, axis=1), np.sort(rows.names[rows.ends[some].indices], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """The corners of a body in a run; none if `sides` is None."""
+    """The corners of a body in a run."""
 
     mesh: Mesh
     contact: Contact
     sides: Sides | None
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for a large stress or contact force near these nodes in a row of the history, or ""."""
+        """Return the warning for an extreme near `nodes` in a row of the history."""
         if self.sides is None:
             return ""
         corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
@@ -92,15 +92,15 @@ class Corners:
         return self.at_load(nodes) or found
 
     def at_load(self, nodes: Sequence[int]) -> str:
-        """Return the warning for an extreme near a point load at one of these nodes, or ""."""
+        """Return the warning for an extreme near a point load, or ""."""
         there = self.sides is not None and self.sides.loaded is not None and np.isin(nodes, self.sides.loaded).any()
         return f"at a point load: grows {WITHOUT_LIMIT}" if there else ""
 
     def _corner(self, sides: Sides, node: int, row: int) -> str:
-        """Describe the corner at a node; "" if stress is bounded there."""
+        """Return a description of a corner with singular stress, or ""."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Edges on interfaces count only where bodies share a node, at the tip of a crack.
+        if len(nodes) > 1:  # Edges between bodies are sides only at the tip of a crack.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""
@@ -127,7 +127,7 @@ class Corners:
         return are_among(np.sort(edges, axis=1), np.sort(np.concatenate(joined), axis=1))
 
     def _condition(self, sides: Sides, edge: int, nodes: Ints, row: int) -> tuple[int, str]:
-        """Return in how many directions an edge is held, and how; contact must act at its end outside of `nodes`."""
+        """Return the number of directions in which an edge is held, and the condition in words."""
         held, contact = int(sides.held[edge]), self.contact
         at = np.isin(contact.nodes, np.setdiff1d(sides.edges[edge], nodes))
         touches = held < 2 and sides.contact[edge] and contact.closed[row, at].any()

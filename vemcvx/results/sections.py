@@ -1,9 +1,9 @@
 """Forces and moments across a plane through the body, and means of fields over cells.
 
-The nodal forces of the stresses are q = A u + T sigma_0, where u is the displacement, A the stiffness without springs,
-and T sigma_0 the nodal forces of the stresses sigma_0 at zero strain. Let the part ahead of a plane move by a unit
-translation or rotation w, while the part behind rests. Then the virtual work of the stresses is the sum of q . w over
-the nodes ahead: the component along w of the force or moment that the part ahead exerts on the part behind.
+Let u be the displacement, A the stiffness without springs, and T sigma_0 the nodal forces of the stresses sigma_0 at
+zero strain. The nodal forces of the stresses are q = A u + T sigma_0. Let the part ahead of a plane move by a unit
+translation or rotation w, while the part behind rests. The virtual work of the stresses is the sum of q . w over the
+nodes ahead. This work is a component of the force or moment that the part ahead exerts on the part behind.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Section(NamedTuple):
     """The resultants that the part ahead of a plane exerts on the part behind it."""
 
     force: Floats
-    """(S, dim)"""
+    """(S, dim), at S stored instants"""
     moment: Floats
     """(S,), in space (S, 3), about the point that defines the plane"""
 

@@ -1,8 +1,8 @@
-"""Floating bodies: find motions without strain that no support resists, and describe them in words.
+"""Floating bodies: the rigid motions that no support resists.
 
-Let A be the stiffness of a body that nothing holds, and R (n_u, k) its rigid motions. A u = f has a solution u if the
-loads f balance: R'f = 0. Supports of k nodal values (*pins*) make u unique, and bear no force. Results are the
-solution without its mean rigid motion.
+Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The equation A u = f has a
+solution u if the loads f balance: R'f = 0. Supports of k nodal values, called *pins*, make u unique, and bear no force.
+Results are u minus the mean rigid motion of u.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.vem.elasticity import rigid_modes, split_motion
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the name of the body of each piece; None if interfaces give no name or several. See `_connect`."""
+    """Return the name of each piece, or None if interfaces give no single name."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -39,7 +39,7 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
 
 
 def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Floats, directed: bool = False) -> str:
-    """Return a motion of a connected part in words, with its sense if `directed`; `_motions` returns `axes`."""
+    """Return a motion of connected pieces in words, with the sense if `directed`."""
     mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
     each = mode.reshape(len(bodies), -1)
     large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -62,24 +62,21 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
     return f"the translation {coordinates(move, 2)}" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
-# A piece of the body is a set of cells joined along edges (in space, along faces). Pieces that share single nodes only
-# are hinged there. Let R_q c_q be the nodal values of a rigid motion of piece q, and v = P y the nearest field that has
-# one value per node and obeys the supports. The squared distance between R c and v is
+# A piece of the body is a set of cells joined along edges, in space along faces. Pieces may share single nodes. Let
+# R_q c_q be a rigid motion of piece q, W the number of pieces at a node, and F the stiffness of springs. Supports allow
+# the displacements v = P y. The squared distance between the motions R_q c_q and the nearest v is
 #
-#     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node.
+#     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2.
 #
-# The body floats if and only if the distance is zero for some c != 0, and v'Fv = 0 for the stiffness F of springs.
+# The body floats if and only if this distance is zero for some c != 0, and v'Fv = 0.
 FREE_FRACTION = 1e-12
-"""Squared distance, relative to |R c|^2, below which a motion is free; one clamped node among 1e6 gives 1e-6."""
+"""The squared distance, relative to sum_q |R_q c_q|^2, below which a motion is free."""
 
 
 def floating_motions(
     space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the motions that only contact or friction resists, or None; and True if all are motions of named bodies.
-
-    `felt` (rows, n) has the rows of norm terms and limits. Raise SceneError if there is a motion that nothing resists.
-    """
+    """Return the motions that only the rows `felt` of contact resist, and whether bodies are named."""
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
     R, axes = _motions(piece, node, points)
@@ -105,7 +102,7 @@ def floating_motions(
         if loose.shape[1] == 0:
             continue
         loose = _along_axes(loose)
-        # Remove rounding: contact would seem to resist a translation that has a component of 1e-15 normal to it.
+        # Otherwise, contact seems to resist translations with a normal component of 1e-15.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
@@ -133,7 +130,7 @@ def floating_motions(
 def _refuse_floating(
     which: str, describe: Callable[[Floats], str], loose: Floats, felt: Floats, rounding: float
 ) -> None:
-    """Raise SceneError if a combination c of the motions `loose` has no component at contact: felt @ c = 0."""
+    """Raise SceneError for a combination of motions that contact does not resist."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
     # If contact resists no motion, `size` is rounding.
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
@@ -150,7 +147,7 @@ def _refuse_floating(
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return pins at nodes on which none of `parts` acts; no pins if one of `parts` joins a node to the ground."""
+    """Return pins at free nodes, or no pins if `parts` join nodes to the ground."""
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
         return ()
@@ -162,7 +159,7 @@ def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tupl
 
 
 def check_balance(force: Callable[[float], Floats], points: Floats, times: Sequence[float]) -> None:
-    """Raise SceneError if the loads of a body that nothing holds do not balance at one of `times`."""
+    """Raise SceneError if the loads do not balance at one of `times`."""
     centre = points.mean(axis=0)
     modes = rigid_modes(points - centre)
     for t in times:
@@ -179,7 +176,7 @@ def check_balance(force: Callable[[float], Floats], points: Floats, times: Seque
 
 
 def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
-    """Return a function that subtracts from a field u (n_u,) its rigid motion, body by body."""
+    """Return a function that removes the rigid motion of each body from a field."""
 
     @cache
     def motions() -> sp.csr_matrix:
@@ -193,14 +190,14 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return an orthonormal basis of the range of `loose`, preferably of motions of one piece along one axis."""
+    """Return an orthonormal basis of the range of `loose`, preferably along axes."""
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
-    """Return orthonormal columns c for which fields @ c has no energy in the springs."""
+    """Return orthonormal combinations of fields without energy in the springs."""
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE_FRACTION * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
@@ -208,7 +205,7 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
 
 
 def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
-    """Return the number of connected parts, and the part of each piece; `node[i]` is in `piece[i]`."""
+    """Return the number of connected parts, and the part of each piece."""
     pieces = piece.max() + 1
     links = np.column_stack([piece, pieces + sites[node]])
     if springs is not None:
@@ -219,11 +216,7 @@ def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
-    """Return the k rigid motions of each piece as orthonormal columns (n_u, pieces * k); `node[i]` is in `piece[i]`.
-
-    Return also matrices (pieces, k, k): they turn the coefficients of a motion in these columns into translations along
-    the axes and rotations about the axes. Rotations are about the centre of a piece, and divided by its size.
-    """
+    """Return orthonormal rigid motions of pieces, and matrices from coefficients to translations and rotations."""
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
     middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
@@ -236,10 +229,10 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
-    # All rotations of a piece get one factor, which preserves the axis of a combined rotation.
+    # One factor for all rotations of a piece preserves the axis of a combined rotation.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
-    # Rotations about axes other than the principal axes of inertia are not orthogonal.
+    # Only rotations about the principal axes of inertia are orthogonal.
     if np.abs(products - np.eye(k)).max() > 1e-9:
         orthonormal = np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)
         modes, axes = modes @ orthonormal[piece], axes @ orthonormal

@@ -1,4 +1,4 @@
-"""Clarabel, OSQP, and any other solver that cvxpy can call, with settings for a requested duality gap.
+"""Solvers that cvxpy can call, such as Clarabel and OSQP, with settings for a requested duality gap.
 
 The settings are for scaled programs. Errors in comments are certified errors for the requested accuracy 1e-6.
 """
@@ -26,21 +26,21 @@ Setting = float | str | Callable[[float], float]
 
 
 def follow_gap(share: float, least: float, most: float = 1e-8, power: float = 1.0) -> Callable[[float], float]:
-    """Return a tolerance as a function of the requested gap: share * gap^power, clipped to [least, most]."""
+    """Return the function gap -> share * gap^power, clipped to [least, most]."""
     return lambda gap: float(np.clip(share * gap**power, least, most))
 
 
 SHORT = follow_gap(TARGET_FRACTION, 1e-13)
-"""Tolerance of solvers that break down at smaller tolerances."""
+"""The tolerance of solvers that break down at smaller tolerances."""
 RESIDUAL = follow_gap(TARGET_FRACTION, 1e-11, 1e-7, power=0.5)
-"""Tolerance of OSQP's residuals, whose squares enter the gap."""
+"""The tolerance of OSQP's residuals, whose squares enter the gap."""
 
 TUNED: Mapping[str, Mapping[str, Setting]] = {
     "CLARABEL": {
         "tol_gap_abs": follow_gap(INNER_FRACTION, 1e-15),  # Clarabel's gap differs from the gap of the certificate
         "tol_gap_rel": follow_gap(INNER_FRACTION, 1e-15),
         "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # squares of residuals enter the gap
-        "max_threads": 1,  # two threads take three times as long on the patterns that cvxpy makes
+        "max_threads": 1,  # two threads take three times as long
         "direct_solve_method": "faer",  # "qdldl" takes five times as long for the paper's program
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
         "presolve_enable": False,  # there is nothing to remove
@@ -51,24 +51,24 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
     "OSQP": {
         "eps_abs": RESIDUAL,
         "eps_rel": RESIDUAL,
-        "eps_prim_inf": 1e-15,  # by default a step counts as infeasible
-        "eps_dual_inf": 1e-15,  # by default a step counts as unbounded
-        "max_iter": 100_000,  # the default, 4000, is too few for such tolerances
+        "eps_prim_inf": 1e-15,  # the default finds steps infeasible
+        "eps_dual_inf": 1e-15,  # the default finds steps unbounded
+        "max_iter": 100_000,  # the default, 4000, is too small
         "polishing": True,  # gains the last digits; must be set for every solve
         "polish_refine_iter": 10,  # gains the last digits of polishing
     },
     "SCS": {
-        "eps_abs": SHORT,  # the default leads to errors of 2e-3; below 1e-13 some steps do not converge
-        "eps_rel": 0.0,  # data are scaled; the reference of eps_rel differs from step to step
+        "eps_abs": SHORT,  # the default leads to errors of 2e-3
+        "eps_rel": 0.0,  # data are scaled already
         "max_iters": 200_000,  # first-order method: small tolerances take many iterations
         "normalize": False,  # programs are scaled already
     },
     "HIGHS": {"qp_regularization_value": 0.0},  # the default leads to errors of 4e-6
 }
-"""The settings of each solver, under their names in cvxpy; all other settings keep their defaults."""
+"""The settings by solver, under the names of cvxpy."""
 
 SEMIDEFINITE = {"CLARABEL": {"static_regularization_constant": 1e-13}}  # problems/hard_cases.py needs it
-"""Settings that replace those of `TUNED` if K is only semidefinite."""
+"""Settings that replace settings in `TUNED` if K is semidefinite."""
 
 RETRY = {
     "CLARABEL": {
@@ -77,24 +77,24 @@ RETRY = {
         "max_step_fraction": 0.99,  # with .999, errors of the paper's steps are four times as large
     }
 }
-"""Settings that replace those of `TUNED` in a second attempt."""
+"""Settings that replace settings in `TUNED` in a second attempt."""
 
 COMPILING = threading.Lock()
-"""Lock around cvxpy's compiler, which numbers expressions by a global counter without a lock."""
+"""The lock of cvxpy's compiler, whose counter of expressions is not thread-safe."""
 LINEAR = FEATURES - {SECOND_ORDER_CONES}
-"""Features of quadratic programs with linear constraints."""
+"""The features of quadratic programs with linear constraints."""
 
 
 @cache
 def list_installed() -> tuple[str, ...]:
-    """Return the names of the installed solvers that cvxpy finds, in the order of cvxpy."""
+    """Return the names of the solvers that cvxpy finds."""
     import cvxpy as cp
 
     return tuple(cp.installed_solvers())
 
 
 def interfaces() -> tuple[Mapping[str, object], Mapping[str, object]]:
-    """Return the interfaces by which cvxpy calls solvers of conic and of quadratic programs, by name."""
+    """Return cvxpy's interfaces to conic solvers and to quadratic solvers, by name."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
     return SOLVER_MAP_CONIC, SOLVER_MAP_QP
@@ -109,13 +109,13 @@ class ThroughCvxpy(Solver):
     solver : str
         The solver's name in cvxpy, in upper or lower case: "SCS", "HIGHS", "PIQP", "MOSEK", ...
     accuracy : float
-        Requested relative energy error of a step, which its certificate must meet.
+        Requested relative energy error of a step, for the certificate.
     polish : bool
-        Add one active-set step of our Newton method to every answer.
+        True to improve every answer by one active-set step of our Newton method.
     options : mapping, optional
         Options of the solver, which replace the tuned settings of the same name.
     tuned : bool
-        Use the settings of `TUNED`; otherwise the defaults of the solver's library.
+        True for the settings in `TUNED`, False for the defaults of the solver's library.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class ThroughCvxpy(Solver):
     @property
     def accepts(self) -> frozenset[str]:
         conic, quadratic = interfaces()
-        # cvxpy lists solvers of linear programs (SciPy's, GLPK, CBC) as conic solvers without second-order cones.
+        # cvxpy lists linear solvers, such as GLPK, as conic solvers without second-order cones.
         linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
         return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
@@ -171,7 +171,7 @@ class ThroughCvxpy(Solver):
         return _PreparedConic(self, PreparedNewton(operators, 1))
 
     def choose_options(self, gap: float, *, semidefinite: bool) -> dict[str, Any]:
-        """Return the solver's options for the gap of a scaled program; the user's options replace tuned options."""
+        """Return the solver's options for the gap of a scaled program."""
         tuned: dict[str, Any] = dict(TUNED.get(self.solver, {})) if self.tuned else {}
         if self.tuned and semidefinite:
             tuned |= SEMIDEFINITE.get(self.solver, {})
@@ -186,7 +186,7 @@ class ThroughCvxpy(Solver):
 
 @dataclass(frozen=True)
 class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with one second-order cone per disc.
+    """The interior-point solver Clarabel, through cvxpy.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class Clarabel(ThroughCvxpy):
 
 @dataclass(frozen=True)
 class OSQP(ThroughCvxpy):
-    """The operator-splitting solver OSQP, through cvxpy, which accepts no second-order cones.
+    """The operator-splitting solver OSQP, through cvxpy, without second-order cones.
 
     Parameters
     ----------
@@ -231,11 +231,11 @@ class OSQP(ThroughCvxpy):
 
 
 class _PreparedConic:
-    """The step as a problem in cvxpy: compiled once if K is dense, and posed anew in every step if K is sparse."""
+    """A step as a problem in cvxpy, compiled once if K is dense."""
 
     def __init__(self, settings: ThroughCvxpy, newton: PreparedNewton):
         self._settings, self._newton = settings, newton
-        # Compiled steps, and what cvxpy keeps for warm starts, by the set of terms that always stick.
+        # Compiled steps, and data for warm starts, by the set of terms that always stick.
         self._compiled: dict[bytes, tuple[CvxpyStep, dict[str, Any]]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
@@ -260,7 +260,7 @@ class _PreparedConic:
 
 
 def polish_answer(newton: PreparedNewton, program: StepProgram, answer: Answer) -> Answer:
-    """Return an admissible answer after one Newton step, or the given answer if that step does not reduce the gap."""
+    """Return the answer after one Newton step, if the step reduces the gap."""
     sharper = newton.solve_from(program, Weights(program.w), answer)
     d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
     if not program.duality_gap(d, lam, p) < program.duality_gap(answer.d, answer.lam, answer.p):
@@ -269,7 +269,7 @@ def polish_answer(newton: PreparedNewton, program: StepProgram, answer: Answer) 
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve by the stages of cvxpy's `solve`, without its warnings about inaccuracy; return status and iterations."""
+    """Solve without cvxpy's warnings about inaccuracy; return the status and the number of iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 

@@ -1,4 +1,4 @@
-"""The base class of solvers: settings, and `prepare`, which returns the object that solves the steps of a run."""
+"""The base class of solvers, and a wrapper that scales programs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""Fraction of the requested accuracy or gap that one error may take if several errors add up."""
+"""The fraction of the requested accuracy or gap for one of several errors that add up."""
 TARGET_FRACTION = 0.01
-"""Fraction of the requested gap that is negligible."""
+"""The fraction of the requested gap that is negligible."""
 
 
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step; if the target cannot be reached, give the reason in the `status` of the best answer.
+        """Solve one scaled step; the `status` of the answer gives the reason for a missed target.
 
         Parameters
         ----------
@@ -36,7 +36,7 @@ class Prepared(Protocol):
         target : float
             Requested duality gap, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            The multipliers that earlier steps predict; p is zero by default.
+            Predicted multipliers; p is zero by default.
         """
 
 
@@ -48,12 +48,12 @@ class Solver(ABC):
     Attributes
     ----------
     accuracy : float
-        Requested relative energy error of a step, in (0, 1). With the exact answer d* and the largest energy norm E of
-        states so far, |d - d*|_K <= accuracy E. The target of a step's duality gap is (accuracy E)^2 / 2.
+        Requested relative energy error of a step, in (0, 1): |d - d*|_K <= accuracy E. Here d* is the exact answer, and
+        E the largest energy norm of states so far. The target of the duality gap is (accuracy E)^2 / 2.
     semidefinite : bool
         True if the solver accepts matrices K with a kernel, for bodies that only friction and contact hold.
     any_units : bool
-        True if the solver works in any units; other solvers receive scaled programs.
+        True if the solver needs no scaled programs.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class Solver(ABC):
         """
 
     def with_accuracy(self, accuracy: float) -> Self:
-        """Return the solver with another accuracy. Override it if other settings depend on the accuracy."""
+        """Return the solver with another accuracy; override this method if settings depend on the accuracy."""
         other = copy(self)
         object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
         return other
@@ -130,10 +130,10 @@ class ScaledFactor(Factor):
 
 
 class ScaledSolver:
-    """A wrapper that scales programs for a prepared solver, so that tolerances of the solver do not depend on units.
+    """A prepared solver that receives programs without units.
 
-    Let the stiffness kappa be the largest entry of diag(K), and the length alpha the energy norm of the data of a step,
-    divided by sqrt(kappa). Both are rounded up to powers of two, so that scaling does not round. The scaled data
+    Let kappa be the largest entry of diag(K), and alpha the energy norm of the data of a step, divided by sqrt(kappa).
+    Both numbers are rounded up to powers of two, which makes scaling exact. The scaled data
 
         K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha
 
@@ -151,8 +151,8 @@ class ScaledSolver:
         self.prepared = solver.prepare(self.operators)
 
     def length(self, program: StepProgram) -> float:
-        """Return the length alpha of a step; 1.0 if its data vanish."""
-        # Far motions of supports or ground load the body, at each norm term, by at most the weight.
+        """Return the length alpha of a step, or 1.0 without data."""
+        # A norm term loads the body by at most the weight, even for large b.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(
@@ -181,7 +181,7 @@ class ScaledSolver:
 
 @contextmanager
 def name_failures(solver: str) -> Iterator[None]:
-    """Convert a solver's own errors into SolverFailed with its name; errors of this package pass unchanged."""
+    """Convert errors of a solver's library into SolverFailed."""
     try:
         yield
     except (VemcvxError, MemoryError):

@@ -1,4 +1,4 @@
-"""Backward Euler: steps are solved, certified, entered into the ledger, and stored."""
+"""Backward Euler: solving, certifying and storing the steps of a run."""
 
 from vemcvx.stepping.backward_euler import (
     Balanced,

@@ -7,8 +7,8 @@ In a test file::
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the instances whose features it accepts, and must refuse all other instances. An effect is tested
-in the scene of its sample. pytest is required.
+A solver must solve the instances with accepted features, and refuse all other instances. Effects are tested in the
+scenes of their samples. pytest is required.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["EffectSample", "effect_suite", "linear_suite", "solver_suite"]
 def solver_suite(
     solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True
 ) -> Callable[..., None]:
-    """Return a test with one case per solver, property and instance; assign it to a name test_*.
+    """Return a test with one case per solver, property and instance. Assign the test to a name test_*.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def _test(cases: Cases) -> Callable[..., None]:
 
 
 def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable[..., None]:
-    """Return a test with one case per sample and property; assign it to a name test_*.
+    """Return a test with one case per sample and property. Assign the test to a name test_*.
 
     Parameters
     ----------
     samples : EffectSample, or mapping of names to samples
-        Give several samples of an effect if some of its settings exclude each other.
+        One sample per effect, or several samples for settings that exclude each other.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
 
 
 def linear_suite(solvers: LinearSolver | Mapping[str, LinearSolver]) -> Callable[..., None]:
-    """Return a test with one case per linear solver and property; assign it to a name test_*.
+    """Return a test with one case per linear solver and property. Assign the test to a name test_*.
 
     Parameters
     ----------

@@ -1,12 +1,11 @@
 """Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
-The order is xx, yy, xy in the plane, xx, yy, zz, xy, yz, xz in space, and rr, zz, rz, hoop in a body of revolution.
-Shear components of strains are doubled: 2 e_xy. The stress zz of a plane body is 0 in plane stress, and in plane strain
-lam (e_xx + e_yy) plus a thermal stress.
+Components have the order xx, yy, xy in the plane, xx, yy, zz, xy, yz, xz in space, and rr, zz, rz, hoop in a body of
+revolution. Shear components of strains are doubled: 2 e_xy.
 
-Moduli are arrays with one column per cell. An array of two rows has Lame's constants lam (reduced in plane stress) and
-mu. Other arrays have the upper triangle of the elastic matrix C, row by row: 6 entries in the plane (xx-xx, xx-yy,
-xx-xy, yy-yy, yy-xy, xy-xy), 10 in a body of revolution, 21 in space.
+Moduli are arrays with one column per cell. Arrays with two rows have Lame's constants lam and mu; in plane stress, lam
+is reduced. Arrays with more rows have the upper triangle of the elastic matrix C, row by row: 6 entries in the plane,
+10 in a body of revolution, and 21 in space.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 from vemcvx.base.arrays import Floats
 
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-"""Axes of the components of symmetric tensors in dim dimensions."""
+"""The axes of the components of symmetric tensors, by dimension."""
 
 
 def component_names(dim: int) -> tuple[str, ...]:
@@ -27,7 +26,7 @@ def component_names(dim: int) -> tuple[str, ...]:
 
 
 def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """Return stresses (k, components) that are `value` (k,) in all directions."""
+    """Return stresses that are `value` in all directions."""
     return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 
@@ -43,7 +42,7 @@ def stresses(moduli: Floats, strain: Floats) -> Floats:
 
 
 def tractions(sigma: Floats, normals: Floats) -> Floats:
-    """Return the tractions sigma n (k, dim) of stresses (k, components); the normals may have any length."""
+    """Return the tractions sigma n (k, dim)."""
     force = np.zeros(normals.shape)
     for component, (a, b) in zip(sigma.T, COMPONENTS[normals.shape[1]], strict=True):
         force[:, a] += component * normals[:, b]
@@ -53,7 +52,7 @@ def tractions(sigma: Floats, normals: Floats) -> Floats:
 
 
 def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
-    """Return the elastic matrices (n_cells, 3, 3), in space (n_cells, 6, 6); only Lame's constants need `dim`."""
+    """Return the elastic matrices of cells."""
     if len(moduli) != 2:
         size = isqrt(2 * len(moduli))
         upper, C = np.triu_indices(size), np.zeros((moduli.shape[1], size, size))
@@ -68,7 +67,7 @@ def elastic_matrix(moduli: Floats, dim: int = 2) -> Floats:
 
 
 AXISYMMETRIC = 10
-"""The number of moduli of a body of revolution: entries in the upper triangle of a matrix (4, 4)."""
+"""The number of moduli of a body of revolution."""
 
 
 def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
@@ -78,13 +77,13 @@ def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
 
 
 def upper_triangle(C: Floats) -> Floats:
-    """Return the upper triangles of elastic matrices, row by row: (6, n_cells), in space (21, n_cells)."""
+    """Return the upper triangles of elastic matrices, row by row."""
     rows, columns = np.triu_indices(C.shape[1])
     return np.ascontiguousarray(C[:, rows, columns].T)
 
 
 def principal(stress: Floats) -> Floats:
-    """Return the principal stresses (n, dim), the largest first; in two dimensions, only the in-plane ones."""
+    """Return the principal stresses (n, dim), the largest first."""
     dim = 3 if stress.shape[1] == len(COMPONENTS[3]) else 2
     tensor = np.empty((len(stress), dim, dim))
     for (a, b), component in zip(COMPONENTS[dim], stress.T, strict=True):
@@ -93,7 +92,7 @@ def principal(stress: Floats) -> Floats:
 
 
 def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
-    """Return von Mises' equivalent stress (n,); in the plane, `out_of_plane` (n,) is the stress zz."""
+    """Return von Mises' equivalent stress, with `out_of_plane` as the stress zz of plane bodies."""
     xx, yy, *shear = stress.T
     zz = shear.pop(0) if out_of_plane is None else out_of_plane
     apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2

@@ -2,7 +2,8 @@
 
     python confirm.py [FOLDER]
 
-The script needs numpy, scipy and clarabel only. An instance is a program, or a sequence of programs,
+The script needs numpy, scipy and clarabel only. An instance is a program, or a sequence of programs, in the file's
+matrices K, B, D and vectors g, w, b, e, c:
 
     minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e.
 
@@ -11,9 +12,10 @@ Two answers d_1 and d_2 with objectives v_1 and v_2 and duality gaps gap_1 and g
 
     |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),     v_i - gap_i <= minimum <= v_i.
 
-The script computes the gaps from the numbers in the file, and tests these inequalities in every step. If no optimum
-exists, a vector proves it. For an infeasible program it is p >= 0 with D'p = 0 and e'p < 0. For an unbounded program it
-is d with K d = 0, D d <= 0 and g'd > sum_i w_i |B_i d|.
+The script computes the gaps from the numbers in the file, and tests these inequalities in every step.
+
+A vector p >= 0 with D'p = 0 and e'p < 0 proves that a program is infeasible. A vector d with K d = 0, D d <= 0 and
+g'd > sum_i w_i |B_i d| proves that a program is unbounded.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class Program:
         self.solve: Callable[[Any], Any] = la.pinvh(self.K.toarray()).dot if self.N.size else splu(self.K).solve
 
     def steps(self) -> list[Program]:
-        """Return the programs of the steps. The vectors of a sequence have one row per step."""
+        """Return the programs of the steps."""
         if self.g.ndim == 1:
             return [self]
         every = [copy.copy(self) for _ in self.g]
@@ -67,14 +69,14 @@ class Program:
         return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
 
     def feasible(self, d: Any) -> Any:
-        """Return d clipped to the hard limits (c_j = 0). Each hard limit bounds a single unknown."""
+        """Return d clipped to the hard limits, which bound single unknowns."""
         d, D = d.copy(), sp.csr_matrix(self.D)
         for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
             d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
         return d
 
     def certify(self, d: Any, lam: Any, p: Any) -> tuple[float, float, float]:
-        """Return the primal value, the duality gap and its rounding error for a feasible d."""
+        """Return the primal value, the duality gap, and a bound on rounding errors."""
         size, p = np.linalg.norm(lam.reshape(-1, self.block), axis=1), np.maximum(p, 0.0)
         factor = np.where(size > self.w, self.w / np.where(size > 0, size, 1.0), 1.0)
         lam = lam * np.repeat(factor, self.block)
@@ -95,17 +97,14 @@ class Program:
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
     def run_clarabel(self) -> tuple[Any, Any, Any]:
-        """Solve by Clarabel, and return d, lam and p.
-
-        The unknowns are d, the bounds t_i >= |B_i d - b_i|, and the forces s of soft limits, with D d - c s <= e. An
-        absolute value becomes two inequalities, because a cone is less accurate.
-        """
+        """Return d, lam and p from Clarabel."""
+        # The unknowns are d, t and s, with t_i >= |B_i d - b_i| and D d - c s <= e.
         n, m, r, block = len(self.g), len(self.w), len(self.e), self.block
         P, q = sp.block_diag([self.K, sp.csc_matrix((m, m)), sp.diags(self.c)]), np.r_[-self.g, self.w, np.zeros(r)]
-        cones, one = block > 1, sp.eye(m)
+        cones, one = block > 1, sp.eye(m)  # For an absolute value, two inequalities are more accurate than a cone.
         rows: Any = [[None, -one], [-self.B, None]] if cones else [[self.B, -one], [-self.B, -one]]
         terms, right = sp.csr_matrix(sp.bmat(rows)), np.r_[np.zeros(m) if cones else self.b, -self.b]
-        if cones:  # The first row of a cone contains t_i, the next rows B_i d.
+        if cones:  # The first row of a cone has t_i, and the next rows have B_i d.
             order = np.hstack([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)]).ravel()
             terms, right = terms[order], right[order]
         limits = sp.hstack([self.D, sp.csr_matrix((r, m)), -sp.diags(self.c)])
@@ -122,7 +121,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return True if Clarabel's answer agrees with the stored answer, and Clarabel's certified error."""
+        """Return the agreement of Clarabel's answer with the stored answer, and Clarabel's certified error."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)
@@ -146,7 +145,7 @@ def is_proof(program: Program, status: str, vector: Any) -> bool:
 
 
 def main(folder: Path) -> int:
-    """Confirm all instances of a folder and print the result; return 0 if all are confirmed."""
+    """Confirm the instances of a folder, and return 0 if all are confirmed."""
     if not (folder / "manifest.json").is_file():
         sys.exit(f"{folder} has no manifest.json of a collection; usage: python confirm.py [FOLDER]")
     instances = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["instances"]

@@ -1,4 +1,4 @@
-"""Records as named arrays, and NPZ archives of histories, checkpoints and programs."""
+"""Reading of records from NPZ archives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = "biufcU"  # NumPy's letters for booleans, numbers and strings
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Return every array of an archive; a damaged archive raises ValueError, or an error of NumPy or zipfile."""
+    """Return the arrays of an archive by name."""
     # NumPy would leave a damaged file open.
     with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
@@ -28,10 +28,7 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
-    """Return a record of class `kind` from arrays with the names of its fields; "a.b" is the field b of a record a.
-
-    Fields in `known` have the values given there. Raise KeyError if a field that cannot be None is missing.
-    """
+    """Return a record of class `kind`, with each field from `known` or `arrays`."""
     hints, values = get_type_hints(kind), {}
     for field in fields(kind):
         name, parts = prefix + field.name, (hints[field.name], *get_args(hints[field.name]))

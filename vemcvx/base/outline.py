@@ -1,4 +1,4 @@
-"""Outlines of records, as text and HTML, for prompts and notebooks."""
+"""Outlines of records as text and HTML."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def count_steps(steps: int) -> str:
 
 @dataclass(frozen=True)
 class Outline:
-    """A title, and lines with a name and a text each."""
+    """A title and named lines of text."""
 
     title: str
     lines: Lines
 
     def text(self) -> str:
-        """Return plain text, with the names in a column."""
+        """Return the outline as plain text."""
         width = max((len(name) for name, _ in self.lines), default=0)
         return "\n".join([self.title, *(f"    {name:<{width}}  {words}".rstrip() for name, words in self.lines)])
 
     def html(self) -> str:
-        """Return an HTML table."""
+        """Return the outline as an HTML table."""
         rows = "".join(
             f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(words)}</td></tr>'
             for name, words in self.lines
@@ -44,7 +44,7 @@ class Outline:
 
 
 class Outlined(ABC):
-    """The base class of records whose representation is their outline."""
+    """Base class of records that print as an outline."""
 
     @abstractmethod
     def outline(self) -> Outline:
@@ -58,12 +58,12 @@ class Outlined(ABC):
 
 
 class ArrayRecord(Outlined):
-    """A dataclass of arrays whose outline lists the shape or the value of each field."""
+    """A dataclass whose outline shows the shape or value of each field."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def outline(self) -> Outline:
-        """Return one line per field; the fields of an inner record are called "outer.inner"."""
+        """Return one line per field."""
         lines: list[tuple[str, str]] = []
         for field in (field for field in fields(self) if field.repr):
             value = getattr(self, field.name)
@@ -73,7 +73,7 @@ class ArrayRecord(Outlined):
 
 
 def in_a_line(value: object) -> str:
-    """Return a short text for a value; for an array, its shape and the kind of its entries."""
+    """Return a short text for a value, or the shape and type of an array."""
     if isinstance(value, str):
         return value
     if isinstance(value, float):
@@ -87,5 +87,5 @@ def in_a_line(value: object) -> str:
 
 
 def coordinates(point: Iterable[float], digits: int = 4) -> str:
-    """Return a point as text, such as (0.3, 1.25), with `digits` significant digits."""
+    """Return a point as text, such as "(0.3, 1.25)"."""
     return f"({', '.join(f'{x:.{digits}g}' for x in point)})"

@@ -1,6 +1,6 @@
-"""The program and its commands.
+"""The commands of the program.
 
-The fields of a command are its options, `__call__` does the work, and the docstring of `__call__` is the help.
+A command is a class whose fields are options. The method `__call__` does the work and has the help text as docstring.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ KINDS = {
     "app": ("live_page", "App"),
     "doctor": ("doctor", "Doctor"),
 }
-"""Command -> its module in this folder, and its class. A module is imported when its command is used."""
+"""Command -> module in this folder, and class."""
 
 
 class Commands(TyperGroup):
-    """The group of commands; a command is made at its first use."""
+    """The commands of the program, each made at its first use."""
 
     def __init__(self, **given: Any):
         super().__init__(**given)
         self.commands: dict[str, Any] = dict.fromkeys(KINDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of a name, or None."""
+        """Return the command with this name, or None."""
         if cmd_name in KINDS and self.commands[cmd_name] is None:
             module, kind = KINDS[cmd_name]
             self.commands[cmd_name] = make_command(cmd_name, getattr(import_module(f"vemcvx.cli.{module}"), kind))
@@ -51,7 +51,7 @@ class Commands(TyperGroup):
 
 
 def make_command(name: str, kind: type[Any]) -> Any:
-    """Return the command of a class; the command reports an error by a line and an exit code."""
+    """Return the command of a class, with short reports of errors."""
 
     def command(**given: Any) -> None:
         with report_errors():

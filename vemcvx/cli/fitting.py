@@ -1,4 +1,4 @@
-"""`vemcvx fit`: parameters of a problem that explain a measured loop."""
+"""`vemcvx fit`: fit parameters of a problem to a measured loop."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Fitting:
 
 
 def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
-    """Return the instants and the measured quantities of a CSV file; empty cells become NaN."""
+    """Return the instants and the measured columns of a CSV file."""
     import csv
 
     try:

@@ -1,8 +1,8 @@
-"""Parallel runs with many settings, whose errors are measured against a reference run.
+"""Parallel runs with many settings, and errors against a reference run.
 
-The reference has twice the cells of the finest mesh along every side, and four times the largest number of steps. By
-Galerkin orthogonality, (measured error)^2 = error^2 - (error of the reference)^2. Above four times the error of the
-reference, errors are right to 3 %.
+Let n be the largest number of cells along a side, and k the largest number of steps. The reference has 2 n cells along
+a side and 4 k steps. By Galerkin orthogonality, (measured error)^2 = error^2 - (error of the reference)^2. If an error
+is at least four times the error of the reference, the measured error is right to 3 %.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from vemcvx.results.files import finite_or_none, read_archive, write_archive
 
 @dataclass(frozen=True)
 class Point:
-    """Settings of one run. `family` is None for the mesh of the problem. `steps` is None for adaptive runs."""
+    """Settings of one run."""
 
-    family: str | None
+    family: str | None  # None for the mesh of the problem
     n: int
-    steps: int | None
+    steps: int | None  # None for an adaptive run
     solver: str
     accuracy: float
     target: float | None = None
 
 
-Recipe = Callable[[Point], Any]  # Defined in a module; returns the arguments of a run, a cli.problem_file.Posed.
+Recipe = Callable[[Point], Any]  # picklable function that returns a cli.problem_file.Posed
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:
-    """Return up to four instants that all sequences of times contain, evenly chosen; one is the last instant."""
+    """Return at most four instants that all runs share, including the last instant."""
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:
@@ -57,9 +57,9 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, Row]:
-    """Run a point in this process; return its history and its row of the table. The history stores `instants`."""
+    """Return the history and the row of a point."""
     with quietly() as caught:
-        # A small run triggers late imports, so they are not timed. If it fails, the run below raises the same error.
+        # A small run triggers late imports, so that they are not timed.
         with suppress(VemcvxError):
             recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulate(check=False)
         caught.clear()
@@ -86,14 +86,14 @@ def _estimate_error(history: History) -> float | None:
 
 
 def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Path) -> Row:
-    """Run the reference, write it to the archive, and return its row."""
+    """Write the reference to the archive, and return the row of the reference."""
     history, row = run_point(recipe, point, instants)
     write_archive(history, archive)
     return row
 
 
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path) -> Row:
-    """Run a point, and measure its error in the energy norm."""
+    """Return the row of a point, with the error in the energy norm."""
     history, row = run_point(recipe, point, instants)
     fine = read_archive(archive)
     common = bool(abs(history.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > SAME)
@@ -108,14 +108,14 @@ def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path)
 
 
 def run_to_row(point: Point, run: Callable[[], Row]) -> Row:
-    """Run a point in a separate process and return its row, even if the run fails."""
+    """Return the row of a run in a separate process, even if the run fails."""
     status, found = call_safely(run)
     return {"status": status, **(found if status == DONE else asdict(point) | {"message": found})}
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Rows of the points and of the reference, and the instants of comparison."""
+    """Rows of the points, the row of the reference, and the compared instants."""
 
     rows: list[Row]
     reference: Row
@@ -130,7 +130,7 @@ def sweep(
     workers: int = 2,
     report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
-    """Write the reference to the archive, and run all points; at least one point must have `steps`."""
+    """Run the reference and all points. At least one point must have `steps`."""
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)
     finer = replace(coarsest, n=2 * n, steps=4 * counts[-1])

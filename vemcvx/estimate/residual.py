@@ -1,4 +1,4 @@
-"""The residual estimate eta_K of the mesh error in each cell K. Sides are edges; in space, sides are faces.
+"""The residual estimate eta_K of the mesh error in each cell K.
 
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
                    + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
@@ -10,22 +10,24 @@
               + d_e / (2 mu) |t - t_e|^2_e + h_K^2 / (9 mu) |f - f_K|^2_K                  errors of assembled data
               + int_K s_0 : C^{-1} s_0,  s_0 = (C - C_K) eps(Pi u) + sigma_0 - sigma_0K
 
-Pi u is the projection to linear displacements in each cell, sigma = C eps(Pi u) + sigma_0 the stress, mu the shear
-modulus, t the traction of loads, contact and springs, and E Young's modulus along the edge. Residuals on boundary sides
-e have only the components that supports leave free; both bodies of an interface have such sides. c is CONSTANT or, in
-space, IN_SPACE (docs/theory/error_estimates.md). The terms follow Verfurth, *A Posteriori Error Estimation Techniques
-for Finite Element Methods* (2013), and Cangiani, Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
-
-- d_e is the mean width of both cells *across* the side e. This length fits: let T be a triangle on e with apex a and
-  height d, and w the interpolation error of a test function. The integral of div((x - a) w^2) over T gives
+- Pi u is the projection of u to linear displacements in each cell.
+- sigma = C eps(Pi u) + sigma_0 is the stress, mu the shear modulus, and E Young's modulus along an edge.
+- f is the body force, and t the traction of loads, contact and springs.
+- A side e is an edge or, in space, a face. [.] is the jump across a side with the normal n. Residuals on boundary sides
+  have only the components that supports leave free. Both bodies of an interface have boundary sides there.
+- c is CONSTANT or, in space, IN_SPACE (docs/theory/error_estimates.md).
+- h_K is the longest side of the box that has the same second moments as K. l_e is the width of K along an edge.
+- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K), where K has the diameter D_K and N_K vertices.
+  There the pressure q is constant in each cell, and minimises the sum of all terms with q.
+- t_e is the mean of t over a side. f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction
+  bounds and gaps that are not linear between nodes add similar terms (:mod:`vemcvx.bound.reading`).
+- d_e is the mean width of both cells *across* e. Let T be a triangle on e with apex a and height d, and w the
+  interpolation error of a test function. The integral of div((x - a) w^2) over T gives
 
     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
 
-- h_K is the longest side of the box that has the same second moments as the cell; l_e is the width of K along the edge.
-- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) for cells with the diameter D_K and N_K vertices;
-  the pressure q is constant in cells, and minimises the sum of all terms with q.
-- t_e is the mean of t over a side; f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction bounds
-  and gaps that are not linear between nodes add terms like those of t (:mod:`vemcvx.bound.reading`).
+The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani,
+Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
 """
 
 from __future__ import annotations
@@ -52,31 +54,31 @@ from vemcvx.vem.projection import face_groups
 from vemcvx.vem.tensors import elastic_matrix, stresses, tractions
 
 CONSTANT, IN_SPACE = 0.63, 0.8
-"""The constants c in the plane and in space. Terms of q, of the stabilisation and of data errors have no factor c."""
-SPATIAL_FACTOR = 7.0  # The factor in s, for the stabilisation in space
+"""The constants c in the plane and in space."""
+SPATIAL_FACTOR = 7.0  # the factor in s
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
-    """The geometry of cells, of f inner sides and of b outer sides."""
+    """Geometry of cells, f inner sides and b outer sides."""
 
-    inner: Ints  # (f, 2) the cells of inner sides
-    inner_normals: Floats  # (f, dim) unit normals from the first cell to the second
-    inner_sizes: Floats  # (f,) lengths or areas
-    outer: Ints  # (b,) the cells of outer sides
-    normals: Floats  # (b, dim) outward unit normals
-    sizes: Floats  # (b,) lengths or areas
-    shares: sp.csr_matrix  # (b, n_nodes) integrals of the nodal basis functions over outer sides
+    inner: Ints  # cells of inner sides (f, 2)
+    inner_normals: Floats  # unit normals (f, dim) from the first cell to the second
+    inner_sizes: Floats  # lengths or areas (f,)
+    outer: Ints  # cells of outer sides (b,)
+    normals: Floats  # outward unit normals (b, dim)
+    sizes: Floats  # lengths or areas (b,)
+    shares: sp.csr_matrix  # integrals of basis functions over outer sides (b, n_nodes)
     joints: Joints  # interfaces of two bodies
     numbers: Callable[[Ints], Ints]
-    """returns positions in `outer` of edges (k, 2), of faces (k,), or of sides (k, 2) as in `ContactRows.names`"""
-    corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) of the corners of each cell, and their coordinates (c, dim)
-    edges: tuple[Ints, Ints]  # (e,) cells, and (e, 2) the ends of their edges
+    """positions in `outer` of edges, faces, or ends as in `ContactRows.names`"""
+    corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) and coordinates (c, dim) of corners
+    edges: tuple[Ints, Ints]  # cells (e,) and end nodes (e, 2) of edges
     arms: tuple[Ints, Floats]
-    """simplices that form the cells: their cells (k,), and vectors (k, dim, dim) from centroids to their corners"""
+    """cells (k,) of simplices, and vectors (k, dim, dim) from centroids of cells to corners"""
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
-        """Return the widths of cells (k,) along vectors (k, dim) of any length."""
+        """Return the widths of cells along vectors of any length."""
         if len(cells) == 0:
             return np.zeros(0)
         offsets, corners = self.corners
@@ -100,7 +102,7 @@ class Residuals:
         self.shear, self.sizes = 0.5 * mean_shear(elastic), extents(*sides.arms)
         one, two = (sides.depths(cells, sides.inner_normals) for cells in sides.inner.T)
         mu = 0.5 * self.shear[sides.inner].sum(axis=1)
-        # The weights are |e| d_e / (4 mu) of inner sides and d_e / (2 mu) of outer sides.
+        # The weights are |e| d_e / (4 mu) on inner and d_e / (2 mu) on outer sides.
         self.jump_weights = 0.5 * (one + two) / (4.0 * mu) * sides.inner_sizes
         self.weights = sides.depths(sides.outer, sides.normals) / (2.0 * self.shear[sides.outer])
         corners = sides.shares.tocoo()
@@ -108,7 +110,7 @@ class Residuals:
         self.constant = CONSTANT if space.in_plane else IN_SPACE
 
     def indicators(self, now: Instant) -> dict[str, Floats]:
-        """Return the parts (n_cells,) of eta_K^2 by name."""
+        """Return the parts of eta_K^2 by name."""
         posed, pressure = self.posed, {}
         strain = strains(posed.space, now.u)
         sigma = stresses(posed.material.moduli, strain)
@@ -137,7 +139,7 @@ class Residuals:
         return tractions(sigma[one] - sigma[two], self.sides.inner_normals)
 
     def _rest(self, sigma: Floats, now: Instant) -> Floats:
-        """Return forces minus stress resultants (b, dim) on outer sides, in directions that supports leave free."""
+        """Return forces minus stress resultants on outer sides, in free directions."""
         sides = self.sides
         stress = sides.sizes[:, None] * tractions(sigma[sides.outer], sides.normals)
         force = self._tractions(now.t) + self.contact(now) + self._springs(now.u)
@@ -145,7 +147,7 @@ class Residuals:
         return np.asarray(np.einsum("bij,bj->bi", self.free, force - stress))
 
     def _along(self, u: Floats, strain: Floats) -> Floats:
-        """Return the sum over edges in the formula of eta_K^2, (n_cells,)."""
+        """Return the sum over edges in eta_K^2, for each cell."""
         (cell, ends), dim = self.sides.edges, u.shape[1]
         along, moved = np.diff(self.mesh.points[ends], axis=1)[:, 0], np.diff(u[ends], axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
@@ -159,12 +161,12 @@ class Residuals:
 
     @property
     def _expansions(self) -> Floats:
-        """The integrals of I : C^{-1} I over cells, (n_cells,)."""
+        """The integrals of I : C^{-1} I over cells."""
         dim = self.posed.space.dim
         return self.mesh.measures * self.compliance[:, :dim, :dim].sum(axis=(1, 2))
 
     def _pressures(self, sigma: Floats, now: Instant) -> Floats:
-        """Return q (n_cells,). A low accuracy suffices, because the estimate holds with any q."""
+        """Return q with low accuracy, because the estimate holds with any q."""
         from scipy.sparse.linalg import lsmr
 
         roots, borne, units = self._pressure_problem
@@ -174,7 +176,7 @@ class Residuals:
 
     @cached_property
     def _pressure_problem(self) -> tuple[Floats, sp.csr_array, Floats]:
-        """The least-squares problem for q: root weights (f + b,) of rows, matrix with scaled columns, column scales."""
+        """The least-squares problem for q: weights of rows, scaled matrix, scales of columns."""
         sides, weights, joints = self.sides, self.weights, self.sides.joints
         across = np.arange(len(sides.outer))
         one, other = joints.first[joints.bonded], joints.second[joints.bonded]
@@ -192,10 +194,8 @@ class Residuals:
         units = 1.0 / np.sqrt(borne.multiply(borne).sum(axis=0))
         return roots, sp.csr_array(borne @ sp.diags_array(units)), units
 
-    # Forces (b, dim) on outer sides.
-
     def contact(self, now: Instant) -> Floats:
-        """Return the contact forces (b, dim); an interface has sides on both bodies."""
+        """Return the contact forces on outer sides."""
         terms, obstacles = self.posed.terms, self.posed.obstacles
         friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
         force = self._on_sides(terms, friction)
@@ -214,11 +214,11 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return the forces (b, dim) on sides, given the forces per area (m, dim) of rows."""
-        # A node that supports hold may have no contact row: the forces at other nodes of its side are scaled up.
+        """Return the forces on outer sides from the forces per area of rows."""
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])
+        # On interfaces, scale forces up if a held node has no contact row.
         joined = sides.joints.first
         known = totals(at, ends.data, len(force))[joined]
         force[joined] *= np.divide(sides.sizes[joined], known, out=np.ones(len(known)), where=known > 0)[:, None]
@@ -245,9 +245,9 @@ class Residuals:
         return list_parts(self.posed, self.posed.space)
 
     def data(self, now: Instant, strain: Floats) -> Floats:
-        """Return the part (n_cells,) of eta_K^2 due to data that are not constant on sides and in cells."""
+        """Return the part of eta_K^2 due to errors of assembled data."""
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
-        # Integrals over cells are approximated by |K| / 3 times the mean over vertices.
+        # An integral over K is about |K| / 3 times the mean over vertices.
         owner, found = cell_of_corner(offsets), np.zeros(self.mesh.n_cells)
         weights = (self.mesh.measures / 3.0 / np.diff(offsets))[owner]
         if varies_in_place(self._parts):

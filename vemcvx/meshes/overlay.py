@@ -1,8 +1,8 @@
-"""Overlay of the boundary faces of touching bodies in space: both bodies get the same faces where they touch.
+"""Equal boundary faces of two bodies in space where the bodies touch.
 
-Nearby nodes of several bodies get one position, a *place*. Boundary faces that lie on one another form a *patch* in one
-plane. In each patch, Shapely unites the outlines of all faces, and the polygons between these lines replace the faces.
-Finally every place within the tolerance of an edge becomes a vertex of all faces with this edge.
+Nearby nodes of several bodies get one position, a *place*. Overlapping boundary faces form a *patch* in one plane.
+Shapely unites the outlines of all faces of a patch, and the polygons between the outlines replace the faces. Finally,
+every place on an edge becomes a vertex of all faces with this edge.
 """
 
 from __future__ import annotations
@@ -35,18 +35,15 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees): a node so many tolerances from a corner may be near both edges
-COVERAGE_TOLERANCE = 1e-3  # largest relative difference between the areas of a face and of its pieces
+CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees), for nodes near both edges of a corner
+COVERAGE_TOLERANCE = 1e-3  # relative, for the total area of the pieces of a face
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
 
 def overlay_tilings(
     apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
-    """Split the faces of bodies where their boundaries are at most `tolerance` apart, or raise MeshError.
-
-    Return the new mesh, the bodies and places of its nodes, and the old boundary face (m,) of each boundary face.
-    """
+    """Return the mesh with split faces, and arrays of bodies, places and old faces."""
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
     of_face, rows = body[nodes[offsets[:-1]]], (offsets, place[nodes])
@@ -56,14 +53,14 @@ def overlay_tilings(
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
     points, face, pieces = _split_faces(points, outline, shapes, upon.T[number[upon[0]] != number[upon[1]]], tolerance)
-    # the pieces of a split face take its place in the list of faces
+    # the pieces of a split face replace the face in the list of faces
     kept = np.setdiff1d(np.arange(len(of_face)), outer[face])
     listed = np.append(kept, outer[face])
     order = np.argsort(listed, kind="stable")
     listed = listed[order]
     rows = rows_in_order(*_join(rows_in_order(*rows, kept), pieces), order)
     offsets, vertices = _hang(rows, _join(outline, pieces), points, tolerance)
-    # each body gets its own node in every place of its faces; new nodes come last
+    # a body gets a node at each place of a face; new nodes come last
     face, count = cell_of_corner(offsets), int(body[-1]) + 1
     keys = np.sort(face * len(points) + vertices)
     twice = keys[1:][np.diff(keys) == 0]
@@ -86,7 +83,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert into each edge of `rows` that is also an edge of `sides` the vertices of `sides` that lie on the edge."""
+    """Insert vertices of `sides` that lie on common edges of `rows` and `sides`."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])
@@ -104,7 +101,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return all points, the split face (k,) of each piece, and the k rows of places; pieces are sorted by face."""
+    """Return all points, the face of each piece in ascending order, and the pieces."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -132,7 +129,7 @@ def _split_faces(
 
 
 def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
-    """Split faces in one plane; return the face of each piece, the offsets of the pieces, and their corners."""
+    """Return the face of each piece, and the offsets and corners of pieces."""
     import shapely
 
     faces = outlines(places, rows, np.arange(len(places)))
@@ -148,7 +145,7 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return old and new points, and the place of each corner (m, 3): the `known` place near it, or a new one."""
+    """Return all points, and a known or new place for each corner."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])
@@ -157,7 +154,7 @@ def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tu
 
 
 def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints, Rows]:
-    """Return the pieces wider than the tolerance, and their rows without repeated places."""
+    """Return the numbers and the rows of pieces wider than the tolerance."""
     areas = face_shapes(points, *rows).areas
     kept = np.flatnonzero(2.0 * areas > tolerance * diameters(points, *rows))
     offsets, places = rows_in_order(*rows, kept)
@@ -166,7 +163,7 @@ def _without_slivers(points: Floats, rows: Rows, tolerance: float) -> tuple[Ints
 
 
 def mismatch_error(at: Floats) -> MeshError:
-    """Return the error for surfaces that do not match near a point (3,)."""
+    """Return the error for surfaces that do not match near a point."""
     return MeshError(
         f"bodies: the surfaces of two bodies do not match near {coordinates(at, 6)}: they do not lie in the same "
         "planes, or some edges and nodes are only slightly farther apart than the tolerance. Give both bodies the "

@@ -1,4 +1,4 @@
-"""Meshes of polygons in the plane, and meshes of prisms over these polygons."""
+"""Meshes of polygons in the plane, and extrusion to meshes of prisms."""
 
 from __future__ import annotations
 
@@ -30,24 +30,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class PolygonMesh(Mesh):
-    """A polygonal mesh of a plane domain. All arrays are read-only; nodes and cells keep the given order.
+    """A polygonal mesh of a plane domain. All arrays are read-only. Nodes and cells keep the given order.
 
-    A `MeshWarning` reports clockwise cells, which are reversed, and unused nodes, which are dropped.
+    Clockwise cells are reversed, and unused nodes are dropped, with a `MeshWarning`.
 
     Parameters
     ----------
     points : (n_nodes, 2) array_like of float
         Node coordinates, in consistent units.
     cells : sequence of index sequences, or (n_cells, k) array of int
-        Vertices of each cell, in order around it.
+        Vertices of each cell, in order around the cell.
     boundaries : mapping of str to (m, 2) array_like of int, optional
-        Named sets of boundary edges, in either direction. The name "boundary" is reserved for the whole boundary. By
-        default, the edges where x or y is least or greatest are "left", "right", "bottom" and "top"; an empty mapping
-        names nothing.
+        Named sets of boundary edges, in either direction. By default, "left", "right", "bottom" and "top" are the edges
+        with the least or greatest x or y. The name "boundary" is reserved for the whole boundary.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Edges (in space: faces) at which two bodies meet: see :func:`vemcvx.meshes.bodies`.
+        Edges at which two bodies meet: see :func:`vemcvx.meshes.bodies`.
 
     Attributes
     ----------
@@ -55,12 +54,12 @@ class PolygonMesh(Mesh):
     offsets, vertices : (n_cells + 1,) int, (n_corners,) int
         Cell c has the vertices ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise.
     node_map : (n,) int or None
-        If unused nodes were dropped: the new number of each given node, -1 if dropped. Else None.
+        New numbers of the given nodes, -1 for dropped nodes; None if no node was dropped.
 
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh; the message names the cell or node and a remedy.
+        The points and cells do not form a valid mesh.
 
     Examples
     --------
@@ -93,7 +92,7 @@ class PolygonMesh(Mesh):
 
     @cached_property
     def cells(self) -> tuple[Ints, ...]:
-        """Vertex numbers of each cell, counter-clockwise: views of ``vertices``."""
+        """Vertex numbers of each cell, counter-clockwise."""
         return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
 
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -106,12 +105,12 @@ class PolygonMesh(Mesh):
 
     @property
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,) and the vertices of each cell, counter-clockwise."""
+        """The pair (``offsets``, ``vertices``)."""
         return self.offsets, self.vertices
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
-        """The corners of cells, sorted by edge: the edge of a corner starts there."""
+        """The corners of cells, sorted by the edges that start there."""
         return polygons.sort_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
@@ -139,18 +138,18 @@ class PolygonMesh(Mesh):
         return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return the mesh of prisms over the cells of this mesh, one layer between consecutive heights.
+        """Return a mesh of prisms over the cells, with one layer between consecutive heights.
 
         Parameters
         ----------
         heights : (layers + 1,) array_like
-            Increasing values of z: the bottom of the first layer, then the top of each layer.
+            Increasing values of z at the bottoms and tops of layers.
 
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells are ordered by layer. The faces over a boundary or interface have its name, but "front" and
-            "back" replace "bottom" and "top", which are the lowest and highest polygons in space.
+            Nodes and cells are ordered by layer. Boundaries and interfaces keep their names, but "bottom" becomes
+            "front", and "top" becomes "back". In space, "bottom" and "top" are the lowest and highest faces.
 
         Raises
         ------
@@ -165,12 +164,12 @@ class PolygonMesh(Mesh):
         return extrude(self, heights)
 
     def plot(self, values: ArrayLike | None = None, ax: Axes | None = None, **style: object) -> Axes:
-        """Draw the cells, coloured by ``values`` if given. Without ``values`` and ``ax``, label the named boundaries.
+        """Draw the cells, coloured by ``values`` if given.
 
         Parameters
         ----------
         values : (n_cells,) array_like, optional
-            One number per cell.
+            One number per cell. Without ``values`` and ``ax``, boundaries are labelled.
         ax : matplotlib Axes, optional
             Axes to draw on; by default a new figure (``ax.figure.savefig(...)`` saves it).
         **style
@@ -198,11 +197,11 @@ class PolygonMesh(Mesh):
         return ax
 
 
-NAMES_IN_SPACE = {"bottom": "front", "top": "back"}  # name of a side -> name of the faces over this side
+NAMES_IN_SPACE = {"bottom": "front", "top": "back"}  # name in the plane -> name in space
 
 
 def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
-    """Return the prisms over the cells of a plane mesh: see :meth:`vemcvx.PolygonMesh.extruded`."""
+    """Return the mesh of :meth:`vemcvx.PolygonMesh.extruded`."""
     wanted = "heights must be at least two increasing numbers, the values of z that bound the layers"
     given = plain(heights)
     if given is None or given.ndim != 1 or given.dtype.kind not in "iuf" or len(given) < 2:
@@ -235,7 +234,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
     sides = {NAMES_IN_SPACE.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
     parts = {name: solid._boundary[places] for name, places in sides.items()}
-    # the first two faces of a cell are its bottom and its top
+    # the bottom and the top are the first two faces of a cell
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
     solid = solid._with_named(parts)
@@ -246,7 +245,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return offsets, vertices and cells of the faces of one layer; upper nodes are numbered from n_nodes on."""
+    """Return the offsets, vertices and cells of the faces of one layer."""
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])
@@ -260,7 +259,7 @@ def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
 
 
 def plane_mesh(mesh: Mesh, subject: str, instead: str = "") -> PolygonMesh:
-    """Return the mesh if it is a `PolygonMesh`; else raise SceneError about the feature `subject`, with a remedy."""
+    """Return the mesh if it is a `PolygonMesh`, or raise SceneError."""
     if not isinstance(mesh, PolygonMesh):
         raise SceneError(
             f"{subject}: exists in the plane only, and this mesh consists of polyhedra{instead and f'; {instead}'}."

@@ -1,16 +1,16 @@
 """Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
-Faces are numbered in the order of first appearance. The first cell of a face determines the order of its vertices.
+Faces are numbered in the order of first appearance, with the vertices in the order of the first cell.
 
-Integrals over a face are sums over the triangles (o, x_i, x_{i+1}) from its first vertex o. With d_i = x_i - o and the
-signed areas s_i of the triangles,
+A face with the vertices o, x_1, x_2 ... consists of the triangles (o, x_i, x_{i+1}). Let s_i be the signed areas of
+these triangles, and d_i = x_i - o. Then
 
     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i.
 
-Integrals over a cell are sums over pyramids of volume V_f. The base of a pyramid is a face f with outward area vector
-a_f and centroid c_f, and the apex p is the mean of all c_f:
+A face f of a cell has the outward area vector a_f and the centroid c_f. Let p be the mean of all c_f. The cell consists
+of pyramids with the base f, the apex p and the volume V_f = a_f . (c_f - p) / 3. So
 
-    volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
+    volume = sum_f V_f,                         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, reve
 
 
 class FaceLists(NamedTuple):
-    """The faces of all cells, cell by cell; a face between two cells is listed twice."""
+    """The faces of all cells, cell by cell."""
 
-    offsets: Ints  # (n_listed + 1,) start of each face in `vertices`
+    offsets: Ints  # start of each face in `vertices`, and the end
     vertices: Ints
-    cell_offsets: Ints  # (n_cells + 1,) start of each cell in the list of faces
+    cell_offsets: Ints  # start of each cell in the list of faces, and the end
 
     def in_order(self, cells: Ints) -> FaceLists:
-        """Return the faces of the cells with the given numbers, in this order."""
+        """Return the faces of the cells with the given numbers."""
         cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
         return FaceLists(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
 
@@ -47,7 +47,7 @@ class Faces(NamedTuple):
 
 
 def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Join equal faces of different cells; the arguments are the fields of `FaceLists`, with outward normals."""
+    """Join equal faces, given as fields of `FaceLists` with outward normals."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -57,18 +57,18 @@ def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
 
 
 def list_faces(faces: Faces) -> FaceLists:
-    """List the faces of each cell, with outward normals: the inverse of `join_faces`."""
+    """List the faces of each cell with outward normals."""
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     return FaceLists(offsets, reverse_rows(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
 
 
 def signs_of(faces: Faces) -> Floats:
-    """Return 1 where the normal of a face points out of the cell, else -1, in the order of `cell_faces`."""
+    """Return 1 for outward and -1 for inward normals, in the order of `cell_faces`."""
     return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
 
 
 def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
-    """Return offsets (n_cells + 1,), and the nodes of each cell, ascending without repetition."""
+    """Return the offsets and the sorted nodes of cells."""
     rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
     keys = np.unique(cells * n_nodes + nodes)
@@ -76,7 +76,7 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
 
 
 class FaceShapes(NamedTuple):
-    """The shapes of faces. A face without area has the normal 0, and its first vertex as centroid."""
+    """The shapes of faces."""
 
     areas: Floats  # (n_faces,)
     normals: Floats  # (n_faces, 3) unit normals
@@ -100,13 +100,13 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Return coordinates (m, 3) of points along the axes of the given faces; the third is the height above the face."""
+    """Return the coordinates of points along the axes of given faces."""
     arms, axes = places - shapes.centroids[faces], axes_in_planes(shapes)
     return np.asarray(np.einsum("mai,mi->ma", axes[faces], arms))
 
 
 def axes_in_planes(shapes: FaceShapes) -> Floats:
-    """Return three axes (n_faces, 3, 3) for each face: two in its plane, and its normal."""
+    """Return two axes in the plane of each face, and the normal."""
     across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
     first = np.cross(shapes.normals, across)
     first /= np.linalg.norm(first, axis=1)[:, None]
@@ -114,7 +114,7 @@ def axes_in_planes(shapes: FaceShapes) -> Floats:
 
 
 def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
-    """Return signed volumes (n_cells,) and centroids (n_cells, 3) of cells; `signs` come from `signs_of`."""
+    """Return the signed volumes and the centroids of cells."""
     counts = np.diff(offsets)
     place = faces.centroids[cell_faces]
     apex = np.add.reduceat(place - np.repeat(place[offsets[:-1]], counts, axis=0), offsets[:-1], axis=0)
@@ -130,7 +130,7 @@ def _divide_rows(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Outward faces. Vertices are numbered around the bottom, then around the top, counter-clockwise seen from above.
+# Outward faces; vertices are numbered around the bottom, then around the top.
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
@@ -140,7 +140,7 @@ FACES = {
 
 
 def angles_seen(arms: Floats) -> Floats:
-    """Return the solid angles (...,) of triangles whose corners have the positions (..., 3, 3) relative to the eye.
+    """Return the solid angles of triangles, given the vectors from the eye to corners.
 
     tan(angle / 2) = a . (b x c) / (|a| |b| |c| + (a . b) |c| + (a . c) |b| + (b . c) |a|)
     for corners a, b, c (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).

@@ -1,6 +1,6 @@
-"""The deformed body: colours show its displacement or stress, and in the plane arrows show contact forces.
+"""Pictures of the deformed body.
 
-In space, PyVista renders the surface as an image, without a display.
+In space, PyVista renders an image of the surface without a display.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
     "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
     "mean": ("mean of normal stresses", lambda on: on["principal_stresses"].mean(axis=1)),
 }
-"""Invariant of stress -> its name in words, and a function that computes it from the cell fields of a step."""
+"""Invariant of stress -> words, and a function of the cell fields of a step."""
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
 FORCES = {"contact": "contact force", "friction": "friction", "none": ""}
 CLOSED = "closed contact bold or hatched"
@@ -63,8 +63,8 @@ def deformed_mesh(
     Returns
     -------
     matplotlib Figure
-        The colour of a cell is the mean of |u| at its vertices. Arrows of friction and marks of contact are as in
-        `stressed_body` with ``forces="friction"``. All scales are the same at all steps.
+        The colour of a cell is the mean of |u| at the vertices. Arrows and marks are as in `stressed_body` with
+        ``forces="friction"``. All steps have the same scales.
 
     Raises
     ------
@@ -112,32 +112,31 @@ def stressed_body(
     magnify: float | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the deformed body at a stored step, each cell in the colour of its stress.
+    """Draw the deformed body at a stored step, with cells coloured by stress.
 
     Parameters
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step at which the largest visible stress is within 1 % of its maximum.
+        A stored step; by default the last step with the largest visible stress, up to 1 %.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
-        Principal stresses of plane bodies are those in the plane. Tension is red and compression blue.
+        Principal stresses are stresses in the plane. Tension is red, and compression is blue.
     forces : {"contact", "friction", "none"}
-        Draw arrows of pressure plus friction, with heads on the body, or of friction alone, beside the body. Arrows are
-        blue and thick where contact sticks, orange and thin where it slips, grey without friction.
+        "contact" draws arrows of pressure plus friction. Arrows are blue and thick where contact sticks, orange and
+        thin where contact slips, and grey without friction.
     window : ((x0, x1), (y0, y1)), optional
-        Draw only this part, in units of length.
+        The drawn part of the plane, in units of length.
     stretch : float
         Factor on lengths along x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
-        Signs of x_1 and x_2 in mirror images, for a model of a half or a quarter of a body; images have no mesh lines.
+        Signs of x_1 and x_2 in mirror images, which complete a half or a quarter of a body.
     magnify : as for `deformed_mesh`
 
     Returns
     -------
     matplotlib Figure
-        Arrows are cut at 1.5 times the 90 % quantile of forces. Closed contact is bold. It is hatched where
-        magnification separates its two sides. If the colour bar has a pointed end, up to 1 % of the cells have stresses
-        beyond this end.
+        Arrows are cut at 1.5 times the 90 % quantile of forces. Closed contact is bold, and hatched where magnification
+        separates two bodies. Up to 1 % of the cells have stresses beyond a pointed end of the colour bar.
 
     Raises
     ------
@@ -186,7 +185,7 @@ class _View:
 
 
 def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: Sequence[str] = ()) -> Figure:
-    """Draw one row of a plane history: each cell in its colour, contact forces, and marks of closed contact."""
+    """Draw coloured cells, contact forces and closed contact of one row of a history."""
     (history, row), (window, units) = at, (view.window, view.units)
     mesh = plane_mesh(history.mesh, "stressed_body")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
@@ -198,7 +197,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
-        # We skip the checks of meshes, which refuse coinciding nodes: bodies in contact have such nodes.
+        # Checks would refuse the coinciding nodes of bodies in contact.
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _outline_closed(history, row, places)
@@ -229,7 +228,7 @@ def _check_stress(name: object, history: Results, picture: str) -> None:
 
 
 def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
-    """Return the name of a stress in words, and its values in all cells at the stored steps."""
+    """Return words for a stress, and the values in cells at all stored steps."""
     if name == "von_mises":
         history.von_mises(int(history.stored[0]))  # This raises an error if the stress is unknown.
     every = [history.on_cells(int(step)) for step in history.stored]
@@ -241,17 +240,17 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step; by default of the last step with the largest stress, within 1 %."""
+    """Return the row of a step, by default of a step with the largest stress."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for the stresses of all steps, and the stresses at its two ends."""
+    """Return a colour map for stresses, and the stresses at both ends."""
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
-    # The map ends at the 99 % quantile, because stress at the corner of a clamp is unbounded.
+    # The map ends at the 99 % quantile, because stress at corners is unbounded.
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
-        # Draw a constant stress in the middle of the map, because the ends have the darkest and brightest colours.
+        # Draw a constant stress in the middle colour of the map.
         top *= 2.0
     if name in UNSIGNED:
         return style.SIZE, (0.0, top)
@@ -261,7 +260,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return outlines (k, 2) of the areas between sides of closed contact, which magnification separates."""
+    """Return the outlines of areas between the separated sides of closed contact."""
     contact = history.contact
     if not contact.closed[row].any():
         return []
@@ -273,7 +272,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces per length at up to 26 nodes; return the largest force, and the force beyond which arrows are cut."""
+    """Draw forces, and return the largest force and the largest uncut force."""
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
     seen = np.flatnonzero(within(contact.points, view.window))
@@ -281,7 +280,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     sizes = np.linalg.norm(every[:, seen], axis=2)
     if not sizes.any() or view.forces == "none":
         return 0.0, 0.0
-    # Forces at corners are unbounded: arrows are cut at 1.5 times the largest 90 % quantile of a step.
+    # Arrows are cut, because forces at corners are unbounded.
     loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
     cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
@@ -324,7 +323,7 @@ def deformed_body(
     magnify: float | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw a deformed body in space at a stored step, each face of its surface in the colour of the stress of its cell.
+    """Draw a deformed body in space at a stored step, coloured by stress.
 
     Parameters
     ----------
@@ -338,7 +337,7 @@ def deformed_body(
     Returns
     -------
     matplotlib Figure
-        All scales are the same at all steps.
+        All steps have the same scales.
 
     Raises
     ------
@@ -384,14 +383,14 @@ def _direction(view: ArrayLike) -> Floats:
 
 
 def has_pyvista() -> bool:
-    """Return True if PyVista, which draws bodies in space, is installed."""
+    """Return True if PyVista is installed."""
     return find_spec("pyvista") is not None
 
 
 def _render(
     surface: tuple[Floats, Ints, Ints], values: Floats, colours: Colours, frame: Floats, towards: Floats
 ) -> NDArray[np.uint8]:
-    """Draw polygons in space, with one value each, in parallel projection; return the image (height, width, 3)."""
+    """Return an image of coloured polygons in parallel projection."""
     if not has_pyvista():
         raise VemcvxError(MISSING)
     import pyvista

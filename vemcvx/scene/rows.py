@@ -1,8 +1,8 @@
-"""Rows of contact: conditions on displacements u at nodes, or on jumps of u between two bodies.
+"""Rows of contact: linear functions of displacements u at nodes.
 
-A row is n . u(i) at a node i against an obstacle, or n . (u(i) - u(j)) for a node i and its *partner* j on another
-body. The *jump* is u(i) or u(i) - u(j), and n the outward normal at i; some rows have a tangent in place of n. The
-*ends* of a row are the contact edges or faces at i; an end has the integral of the basis function of i as length.
+A row at a node i is n . u(i) against an obstacle. Against a *partner* node j on another body, the row is
+n . (u(i) - u(j)). Here n is the outward normal at i, or a tangent. The *jump* is u(i) or u(i) - u(j). The *ends* of a
+row are the contact edges or faces at i. The length of an end is the integral of the basis function of i over the end.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
-    """Return the nodes (m,) of the rows of all parts, one part after the other, and their partners (m,), or -1."""
+    """Return the nodes and the partners (or -1) of all rows, part by part."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
 
 
 def repeat_by_row(parts: Sequence[ContactSurface | Support], numbers: Sequence[int]) -> Ints:
-    """Return ``numbers[k]`` for each row of the k-th part, one part after the other."""
+    """Return ``numbers[k]`` for each row of part k."""
     return np.repeat(np.array(numbers, dtype=np.int64), [len(part.nodes) for part in parts])
 
 
@@ -40,19 +40,19 @@ def slices_of(parts: Sequence[ContactSurface | Support]) -> list[slice]:
 
 
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
-    """Return a number (m,) for each pair (node, partner), ascending with the node; partners are at most `largest`."""
+    """Return a number for each pair (node, partner), ascending with the node."""
     return nodes * (largest + 2) + partners + 1
 
 
 def distinct_pairs(nodes: Ints, partners: Ints) -> tuple[Ints, Ints]:
-    """Return the first row of each pair (node, partner), in ascending order, and the number (m,) of each row's pair."""
+    """Return the first row of each distinct pair, and the pair of each row."""
     numbers = pair_numbers(nodes, partners, int(partners.max(initial=0)))
     _, first, pair = np.unique(numbers, return_index=True, return_inverse=True)
     return first, pair
 
 
 def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
-    """Return the matrix (m * q, n_u) from u to d . jump, for q directions d (m, q, dim) per row."""
+    """Return the matrix from u to d . jump, for q directions d per row."""
     m, q, dim = directions.shape
     columns = np.repeat(nodes[:, None] * dim + np.arange(dim), q, axis=0).ravel()
     indptr = np.arange(0, m * q * dim + 1, dim)
@@ -65,19 +65,19 @@ def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -
 
 
 def build_summation(group: Ints, count: int) -> sp.csr_matrix:
-    """Return the matrix (count, k) that adds up rows with the same number in `group` (k,)."""
+    """Return the matrix that adds up rows with equal numbers in `group`."""
     return sp.csr_matrix((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRows:
-    """Contact rows of a scene's surfaces, frictions and obstacles, in one table."""
+    """A table of contact rows."""
 
-    nodes: Ints  # (m,) the node i of each row
-    partners: Ints  # (m,) the partner j of each row, or -1
-    normals: Floats  # (m, dim) outward unit normals
-    ends: sp.csr_matrix  # (m, e) the lengths of the ends of each row
-    names: Ints  # (e, 2) the node i of each end, and the other node of the edge, or -1
+    nodes: Ints  # node i of each row (m,)
+    partners: Ints  # partner j of each row, or -1 (m,)
+    normals: Floats  # outward unit normals (m, dim)
+    ends: sp.csr_matrix  # lengths of ends (m, e)
+    names: Ints  # node i, and other node of the edge, face number or -1 (e, 2)
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
@@ -105,23 +105,23 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, values: Ints) -> Ints:
-        """Return for each end (e,) the value (m,) of the row with this end; -1 without such a row."""
+        """Return the value of the row with each end, or -1."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = values[each.row]
         return found
 
     @property
     def columns(self) -> dict[str, Any]:
-        """The columns of the table by name, as arguments for constructors of subclasses."""
+        """The columns of the table by name."""
         return {name: getattr(self, name) for name in ("nodes", "partners", "normals", "ends", "names")}
 
     @cached_property
     def lengths(self) -> Floats:
-        """The integrals (m,) of the nodal basis functions over the edges of each row."""
+        """The lengths of rows, summed over ends."""
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     def find(self, rows: ContactRows) -> Ints:
-        """Return for each of the k `rows` the row of this table with the same node and partner, or -1."""
+        """Return the rows of this table with equal nodes and partners, or -1."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
         return find_in(known, wanted)
@@ -131,11 +131,11 @@ class ContactRows:
         return jump_rows(self.nodes, self.partners, directions, points)
 
     def normal_rows(self, points: Floats) -> sp.csr_matrix:
-        """Return the matrix (m, n_u) of n . jump, row by row."""
+        """Return the matrix from u to n . jump."""
         return self.matrix(self.normals[:, None, :], points)
 
     def merge(self, first: Ints, group: Ints) -> ContactRows:
-        """Return one row per group, with node and normal of its `first` row; an end of several rows counts once."""
+        """Return one row per group, with the ends of all rows."""
         each, (count, width) = self.ends.tocoo(), (len(first), self.ends.shape[1])
         key, place = np.unique(group[each.row] * width + each.col, return_inverse=True)
         length = np.zeros(len(key))
@@ -144,7 +144,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, other: ContactRows) -> sp.csr_matrix:
-        """Return the matrix (m, r) that distributes forces on rows of another table over the rows of this table."""
+        """Return the matrix that distributes forces on `other` over this table."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ other.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / other.lengths))
 
@@ -152,11 +152,11 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge rows of equal pair, kind and +-normal into terms; return each term's first row, and each row's term."""
+    """Merge equal rows to terms, and return first rows and the term of each row."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
-        # The first remaining row of each pair begins a term; rows with the same kind and normal join the term.
+        # The first remaining row of each pair begins a term, which equal rows join.
         lead, mine = np.unique(place[left], return_index=True, return_inverse=True)[1:]
         leader = left[lead][mine]
         cosine = np.einsum("ij,ij->i", normals[left], normals[leader])
@@ -170,16 +170,14 @@ def merge_terms(
 
 
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
-    """Replace contact normals by nearly parallel directions of supports or earlier parts at the same node.
-
-    Supports that hold a node fully do not count: their coordinate axes would change the normal of an inclined floor.
-    """
+    """Replace contact normals by nearly parallel earlier directions at the same node."""
     if not parts:
         return []
     everything = (*supports, *parts)
     each = np.concatenate([*(one.directions for one in supports), *(part.normals for part in parts)])
     pairs, given = pairs_of(everything), sum(len(one.nodes) for one in supports)
     place, lead = distinct_pairs(*pairs)[1], merge_terms(pairs, each, within=DIRECTION_TOLERANCE)[0]
+    # The coordinate axes at fully held nodes must not turn the normal of an inclined floor.
     fully_held = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
     of_those = np.where(np.arange(len(place)) < given, fully_held[place], 0)
     first, group = merge_terms(pairs, each, kinds=of_those, within=DIRECTION_TOLERANCE)
@@ -191,5 +189,5 @@ def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> lis
 
 
 def along(tangents: Floats, vectors: Floats) -> Floats:
-    """Return the tangential components of vectors (k, dim), row by row, as one array."""
+    """Return the tangential components of vectors as one array."""
     return np.einsum("kbd,kd->kb", tangents, vectors).ravel()

@@ -1,4 +1,4 @@
-"""The unscaled programs of the steps of a run, with their answers."""
+"""Unscaled programs of the steps of a run, with answers."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def programs_of_march(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """March a System, and return the convex program of each step with its certified answer.
+    """March a System, and return the convex program and the certified answer of each step.
 
     Parameters
     ----------
     system, times, solver, initial, check, condense, linear
-        See :func:`vemcvx.march`. :func:`vemcvx.programs` takes a scene and a mesh instead.
+        See :func:`vemcvx.march`.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def programs_of_trajectory(
     condense: bool = True,
     linear: LinearSolver | None = None,
 ) -> Iterator[SolvedProgram]:
-    """Yield the programs of the steps `numbers`; raise HistoryError if a state before or after a step is not stored."""
+    """Yield the programs of steps, or raise HistoryError for unstored states."""
     for n in numbers:
         _check_stored(trajectory, n)
     run = prepare(system, None, True, condense, linear)

@@ -1,4 +1,4 @@
-"""The conformance suite of solvers: small instances, and properties of every solver."""
+"""Instances and properties for the conformance suite of solvers."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ class Instance:
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """The features of the programs of the instance."""
+        """The features of the programs."""
         return Condensation(self.system).operators.features
 
     def is_for(self, solver: Solver) -> bool:
-        """Return True if the solver accepts the programs of the instance."""
+        """Return True if the solver accepts the programs."""
         return self.features <= solver.accepts and (self.system.kernel is None or solver.semidefinite)
 
 
 def block(
     *below: Effect, of: Effect | None = None, held: bool = True, family: str = "squares", n: int = 4
 ) -> Callable[[], System]:
-    """Return a function that makes a block with these effects; if it is not clamped (`held`), its loads are small."""
+    """Return a function that poses a block, clamped if `held`."""
 
     def pull(x: Floats, t: float) -> Floats:
         course = np.sin(6 * t) if held else 0.02 * np.sin(6 * t)
@@ -82,7 +82,7 @@ def _cube(*below: Effect) -> Callable[[], System]:
 
 
 def sliders(block: int, n: int = 6) -> System:
-    """Return n uncoupled sliders with `block` components each; their stiffnesses and thresholds differ."""
+    """Return n uncoupled sliders with `block` components."""
     rng = np.random.default_rng(0)
     k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
     push = rng.uniform(-1, 1, (n, block))
@@ -115,7 +115,7 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""The instances by name. Together they have all features of programs, and a K with a kernel."""
+"""The instances by name, which cover all features of programs."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Request:
     p: Floats
 
     def arrays(self) -> Iterator[Floats]:
-        """Yield the arrays of the request: operators, data, and initial multipliers."""
+        """Yield the arrays of operators, data and initial multipliers."""
         program, operators = self.program, self.program.operators
         yield from (A if isinstance(A, np.ndarray) else A.toarray() for A in (operators.K, operators.B, operators.D))
         yield from (operators.compliance, *program.data, self.lam, self.p)
@@ -159,7 +159,7 @@ class Case:
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers to the two recorded requests, each by a newly prepared solver."""
+        """The answers to the two recorded requests."""
         return tuple(map(self.answer, record_requests(self.instance)))
 
 
@@ -190,7 +190,7 @@ def record_requests(instance: Instance) -> tuple[Request, Request]:
             seen.append(Request(program, target, lam.copy(), p.copy()))
             return Newton().prepare(program.operators).solve(program, target, lam, p)
 
-    # A condensed program without terms would have no unknowns: it is not condensed.
+    # A condensed program without terms would have no unknowns.
     march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
     return seen[0], seen[-1]
 
@@ -234,7 +234,7 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check that the change from the multipliers to admissible ones costs an energy of at most the target."""
+    """Check the energy of the change to admissible multipliers."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
@@ -250,7 +250,6 @@ def agrees_with_itself_warm_and_cold(case: Case) -> None:
 
 
 def remembers_no_other_step(case: Case) -> None:
-    """Check that a prepared solver that solved another step gives the answer of a newly prepared solver."""
     steps = record_requests(case.instance)
     prepared = case.solver.prepare(steps[0].program.operators)
     for request, fresh in zip(reversed(steps), reversed(case.answers), strict=True):

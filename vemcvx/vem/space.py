@@ -1,8 +1,8 @@
-"""The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`: displacements of the nodes of a mesh.
+"""The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`.
 
-On a polygon, each component is harmonic, with continuous boundary values that are linear on edges. So the values
-at vertices determine the function. For polyhedra see :mod:`vemcvx.vem.projection`. Component a at node i is the unknown
-dim * i + a.
+On a polygon, each component of a displacement in V^h is harmonic. On the boundary of the polygon, each component is
+continuous, and linear on edges. So the values at nodes determine the displacement. For polyhedra see
+:mod:`vemcvx.vem.projection`. Component a at node i is the unknown with the number dim * i + a.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Space:
     ----------
     mesh : Mesh
     mirrors : MirrorPlanes or None
-        Planes of symmetry. A contact curve that ends on such a plane continues as its mirror image.
+        Planes of symmetry.
     axisymmetric : bool
-        True for a body of revolution, where all integrals are over the full turn, with the weight 2 pi r.
+        True for a body of revolution, where integrals have the weight 2 pi r.
 
     Examples
     --------
@@ -52,33 +52,33 @@ class Space:
 
     @property
     def n_unknowns(self) -> int:
-        """The number n_u = dim * n_nodes of nodal values, before any support."""
+        """The number n_u = dim * n_nodes of unknowns without supports."""
         return self.mesh.points.size
 
     @property
     def in_plane(self) -> bool:
-        """True for a plane mesh, also for the half section of a body of revolution."""
+        """True for a plane mesh, also of a body of revolution."""
         return self.dim == 2
 
     @property
     def components(self) -> int:
-        """The number of components of strain and stress; in bodies of revolution with the hoop component."""
+        """The number of components of stress, hoop stress included."""
         return len(COMPONENTS[self.dim]) + self.axisymmetric
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
-        """The groups of cells by number of vertices, ascending; cell numbers ascend within a group."""
+        """The groups of cells with equal numbers of vertices, in ascending order."""
         return cell_groups(self.mesh, self.axisymmetric)
 
     @property
     def incidences(self) -> tuple[Ints, Ints]:
-        """All pairs (cell, node) of a cell and its nodes, ordered by cell, as two arrays (k,)."""
+        """The cells and the nodes of all pairs (cell, node), ordered by cell."""
         offsets, nodes = self.mesh.cell_nodes
         return cell_of_corner(offsets), nodes
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
-        """All pairs (piece, node) of a connected piece of the mesh and its nodes, as two arrays (k,)."""
+        """The pieces and the nodes of all pairs (connected piece, node)."""
         mesh, (cell, node) = self.mesh, self.incidences
         label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
@@ -86,7 +86,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return the matrix (p, n_nodes) from v to Pi v at x; cell[k] contains x[point[k]], and other rows are zero."""
+        """Return the matrix from v to Pi v at x, where cell[k] contains x[point[k]]."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)
@@ -100,11 +100,11 @@ class Space:
         return total
 
     def require_plane(self, subject: str, instead: str) -> None:
-        """Raise SceneError in space, where `subject` is not available; `instead` names an alternative."""
+        """Raise SceneError in space, where `subject` is not available."""
         plane_mesh(self.mesh, subject, instead)
 
     def refuse_revolution(self, subject: str) -> None:
-        """Raise SceneError in a body of revolution, for which `subject` is not available."""
+        """Raise SceneError for a body of revolution."""
         if self.axisymmetric:
             found = f'{subject}: found a body of revolution (plane="axisymmetric")'
             raise SceneError(f"{found}; this is available for plane bodies and bodies in space only.")
@@ -156,7 +156,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the part with these names, and on interfaces also the part on second bodies."""
+        """Return the named part and, on interfaces, the part on second bodies."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -168,7 +168,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for each node (m, 2) in only one cell; on interfaces, in only one cell of the first body."""
+        """Return True for nodes in only one cell of the first body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -178,7 +178,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return the node of the second body at each vertex of each side; -1 outside interfaces."""
+        """Return the second body's node at each vertex of sides, or -1."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

@@ -1,4 +1,4 @@
-"""`vemcvx collection`: programs from the problem files, with certified optima and a script that confirms the optima."""
+"""`vemcvx collection`: files of step programs with certified optima."""
 
 from vemcvx.cli.collection.writing import INSTANCES, Collection, CollectionInstance, write_collection
 

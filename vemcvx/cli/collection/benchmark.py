@@ -1,9 +1,9 @@
-"""`vemcvx benchmark`: compare the times that solvers need on a collection for the same true error.
+"""`vemcvx benchmark`: compare the times in which solvers reach the same true error.
 
-A trial is a run of a solver with one of many tolerances. The true error of its answer d is |d - d*|_K / |d*|_K; d* is
-the certified optimum of the file, and |.|_K the energy norm. The time of a solver to an error E is the time of its
-*cheapest* trial with a true error of at most E. Mean times are shifted geometric means exp(mean log(t + s)) - s with
-s = .01 seconds. Performance profiles are from Dolan and Moré 2002.
+A trial is one run of a solver with one tolerance. The true error of an answer d is |d - d*|_K / |d*|_K, where d* is the
+certified optimum and |.|_K the energy norm. The time to an error E is the time of the *cheapest* trial with a true
+error of at most E. Mean times are shifted geometric means exp(mean log(t + s)) - s with s = 0.01 seconds. Performance
+profiles follow Dolan and Moré (2002).
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from vemcvx.solvers.solver import ScaledSolver, name_failures
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ERRORS = 1e-3, 1e-6, 1e-9  # The relative errors in energy norm at which solvers are compared.
+ERRORS = 1e-3, 1e-6, 1e-9  # relative errors in the energy norm
 BEGUN, ANSWERED, FAILED, LATE, REFUSED = "begun", "answered", "failed", "out of time", "refused"
-"""Outcomes of a trial. An answer may have any accuracy; a solver refuses a program that it does not accept."""
+"""Outcomes of a trial."""
 PLANE, DISCS, NO_OPTIMUM, SEQUENCE = "plane", "discs", "no optimum", "sequence"
 KINDS = {
     PLANE: "Absolute values and bounds",
@@ -52,7 +52,7 @@ KINDS = {
     NO_OPTIMUM: "Infeasible or unbounded",
     SEQUENCE: "Sequences of steps, each with a warm start from the previous answer",
 }
-"""Kinds of instances, and their titles in tables."""
+"""Kind of instances -> title in tables."""
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "CLARABEL": (("tol_gap_abs", "tol_gap_rel", "tol_feas"), {"max_iter": 10_000}, 0.0),
     "CVXOPT": (("abstol", "reltol", "feastol"), {"max_iters": 10_000}, 0.0),
@@ -65,12 +65,11 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Names of tolerances, largest number of iterations, and smallest accepted tolerance of solvers in cvxpy.
-The time limit ends a trial before the largest number of iterations. Other solvers run once, with default settings."""
-PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # Packages whose names differ from cvxpy's names.
-REPEATS, LONG_ENOUGH = 5, 0.1  # The shortest of up to 5 calls counts; no further call begins after .1 seconds.
-BATCH = 10  # Number of instances for which one process runs a solver.
-MEAN_SHIFT = 0.01  # Shift of the geometric mean, in seconds.
+"""Solver in cvxpy -> names of tolerances, limit of iterations, smallest accepted tolerance."""
+PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # name in cvxpy -> different name of the package
+REPEATS, LONG_ENOUGH = 5, 0.1  # largest number of timed calls, and seconds after which no call begins
+BATCH = 10  # number of instances per process
+MEAN_SHIFT = 0.01  # shift of the geometric mean, seconds
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.txt", "profiles.png"
 
 
@@ -114,11 +113,11 @@ class Benchmark:
         say(f"{text}\n\n{out} has every trial ({TABLE}), the tables ({WORDS}) and the picture ({PROFILES})")
 
 
-Row = Mapping[str, Any]  # The entry of an instance in the manifest.
+Row = Mapping[str, Any]  # entry of an instance in the manifest
 
 
 def read_instances(folder: Path, only: str | None = None) -> Sequence[Row]:
-    """Return the instances of a collection; the words in `only` select grades and names."""
+    """Return the instances of a collection, selected by the words in `only`."""
     path = folder / MANIFEST
     try:
         rows: Sequence[Row] = json.loads(path.read_text(encoding="utf-8"))["instances"]
@@ -165,15 +164,15 @@ class Trial:
         return self.true <= min(ERRORS) and self.certified <= ERRORS[1]
 
 
-Ladder = Sequence[float | None]  # Tolerances from loose to tight; a single None for a solver without tolerances.
+Ladder = Sequence[float | None]  # tolerances from loose to tight, or a single None
 Entries = Mapping[str, Mapping[str, Sequence[Trial]]]
-"""Trials by label of the solver, then by name of the instance."""
+"""Label of a solver -> name of an instance -> trials."""
 
 
 def run_trials(
     typed: str, folder: Path, instances: Sequence[Row], tolerances: Sequence[float], limit: float
 ) -> Iterator[Trial]:
-    """Yield the trials of a solver, which runs in other processes with a time limit."""
+    """Yield the trials of a solver, run in processes with a time limit."""
     spawn, names = get_context("spawn"), [one["name"] for one in instances]
     while names:
         here, there = spawn.Pipe(duplex=False)
@@ -204,8 +203,8 @@ def run_trials(
 def try_all(
     pipe: Connection, typed: str, folder: Path, names: Sequence[str], tolerances: Sequence[float], limit: float
 ) -> None:
-    """Try a solver on instances in this process; send each trial with a time limit for the next message."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries print, and have no option against it.
+    """Try a solver on instances, and send pairs (trial, time limit of the next pair)."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
     use_one_thread()
     solver = make_solver(typed, None, "--solvers")
     ladder = choose_ladder(solver, tolerances)
@@ -229,13 +228,13 @@ def try_all(
 
 
 Memory = dict[str, Any]
-"""Data that a solver keeps from one step of a sequence for a warm start of the next step."""
+"""Data for the warm start of the next step."""
 Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
-"""A function of a tolerance and the memory, which returns seconds, an answer if there is one, and a status."""
+"""Function from a tolerance and a memory to seconds, an answer or None, and a status."""
 
 
 def name_solver(typed: str) -> str:
-    """Return the name of a solver, with the version of its package or the name of the user's file."""
+    """Return the name of a solver, followed by a version or a file name."""
     solver, name = make_solver(typed, None, "--solvers"), typed.lower()
     if ":" in typed:
         return f"{solver.name} {Path(typed.rpartition(':')[0]).name}"
@@ -254,7 +253,7 @@ def choose_ladder(solver: Solver, tolerances: Sequence[float]) -> Ladder:
 
 
 def make_calls(solver: Solver, programs: Sequence[StepProgram]) -> list[Call]:
-    """Return functions that solve these programs; raise NotAccepted if the solver does not accept them."""
+    """Return one `Call` per program, or raise NotAccepted."""
     operators = programs[0].operators
     if missing := operators.features - solver.accepts:
         raise NotAccepted(f"solver {solver.name}: accepts no {' and no '.join(sorted(missing))}.")
@@ -312,7 +311,7 @@ def _unit(programs: Sequence[StepProgram]) -> float:
 def measure(
     calls: Sequence[Call], programs: Sequence[StepProgram], tolerance: float | None, status: str = ""
 ) -> dict[str, Any]:
-    """Return the fields of a trial: total seconds and iterations, and the largest errors of all steps."""
+    """Return the measured fields of a trial."""
     memory: Memory = {}
     unit, taken, iterations, errors, reported = _unit(programs), 0.0, 0, [], ""
     with name_failures("of this trial"), quietly():
@@ -326,7 +325,7 @@ def measure(
             taken += seconds
             iterations += 0 if answer is None else answer.iterations
             stated = reported.lower().removesuffix("_inaccurate")
-            # If a program has no optimum, the status is judged. A wrong status counts as an infinite error.
+            # A wrong status counts as an infinite error.
             if status or stated in (INFEASIBLE, UNBOUNDED):
                 errors.append((0.0, 0.0) if stated == status else (np.inf, np.inf))
             elif answer is None or not np.isfinite(answer.d).all():
@@ -346,18 +345,18 @@ def _errors(program: StepProgram, answer: Answer, unit: float) -> tuple[float, f
 
 
 def seconds_to(trials: Iterable[Trial], error: float, measure: str = "true") -> float:
-    """Return the seconds of the cheapest trial that reaches the error; infinite if no trial reaches it."""
+    """Return the seconds of the cheapest trial that reaches the error, or infinity."""
     known = [(one.seconds, getattr(one, measure)) for one in trials if one.seconds is not None]
     return min((seconds for seconds, reached in known if reached is not None and reached <= error), default=np.inf)
 
 
 def is_accepted(own: Mapping[str, Sequence[Trial]], name: str) -> bool:
-    """Return True if a solver was tried on an instance and accepts it."""
+    """Return True if a solver was tried on an instance and did not refuse."""
     return name in own and all(one.outcome != REFUSED for one in own[name])
 
 
 def outcome_at(trials: Sequence[Trial], error: float) -> str:
-    """Return the outcome of an instance at an error: "reached", "missed", FAILED or LATE."""
+    """Return "reached", "missed", FAILED or LATE."""
     if np.isfinite(seconds_to(trials, error)):
         return "reached"
     outcomes = [one.outcome for one in trials]
@@ -365,15 +364,15 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept some instance of a kind, and the instances that all these solvers accept."""
-    # Only optima that are certified to a tenth of the error count.
+    """Return the solvers that accept instances of a kind, and the names of common instances."""
+    # An instance counts if the optimum is certified to a tenth of `error`.
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}
     return some, [name for name in names if some and all(is_accepted(own, name) for own in some.values())]
 
 
 def geometric_mean(seconds: Sequence[float], limit: float) -> float:
-    """Return the shifted geometric mean, or NaN of no numbers; seconds beyond the limit count as the limit."""
+    """Return the shifted geometric mean of seconds, capped at the limit, or NaN."""
     if not seconds:
         return float("nan")
     capped = np.minimum(np.asarray(seconds, dtype=float), limit)
@@ -397,7 +396,7 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> str:
 
 
 def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: float) -> Table:
-    """Return a table with one row per solver, the fastest solver to 1e-6 first."""
+    """Return a table with one row per solver, sorted by the time to 1e-6."""
     rows, errors = [], [f"1e{round(np.log10(error))}" for error in ERRORS]
     for label, own in select_common(entries, instances, kind, max(ERRORS))[0].items():
         counts, means = [], []
@@ -418,7 +417,7 @@ def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: fl
 
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
-    """Return the seconds of each solver on each instance, relative to the fastest solver; infinite if unsolved."""
+    """Return the times of solvers on instances, relative to the fastest solver."""
     tick = time.get_clock_info("process_time").resolution  # A coarse clock may measure zero seconds.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
@@ -431,7 +430,7 @@ def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, l
 
 
 def profiles(entries: Entries, instances: Sequence[Row]) -> Figure:
-    """Draw performance profiles for the instances that all solvers accept: a row per kind, a column per error."""
+    """Draw performance profiles, with one row per kind and one column per error."""
     kinds = [kind for kind in (PLANE, DISCS) if select_common(entries, instances, kind, ERRORS[1])[1]]
     if not kinds:
         raise VemcvxError("there is no instance that all solvers accept")

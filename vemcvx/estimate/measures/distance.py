@@ -1,18 +1,21 @@
-r"""The distance of two displacement fields u and v in the energy norm, on the same or on different meshes.
+r"""The distance of two displacement fields u and v in the energy norm.
 
-- exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$ on triangles, rectangles and tetrahedra (see below);
+C is the elastic tensor of u, and Pi u the projection of u to linear functions in each cell. The kinds of distances are
+
+- exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$, on triangles, rectangles and tetrahedra;
 - projected: the same integral for Pi u and Pi v, on any cells;
-- nodal: $|w|$ with w = u - I v, where I v interpolates v. All nodes of the mesh of u must be nodes of the mesh of v.
+- nodal: $|w|$ for w = u - v at the nodes of the mesh of u, which must be nodes of the mesh of v.
 
-In the plane, exact and projected distances are integrated exactly on the overlaps of cells. In space, they are exact if
-the cells of the mesh of v lie inside cells of the mesh of u; otherwise their error is O(h). The nodal distance uses the
-moduli and the stabilisation of u:
+With the stabilisation S_K of u,
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
 
-Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. On a rectangle with the sides e_1 and e_2,
-the centre c, and the values u_1 ... u_4 at the vertices in turn, let xi = 2 e_1.(x - c) / |e_1|^2. Let eta be the same
-function for e_2. Then
+In the plane, exact and projected distances have no quadrature error. In space, the same is true if the cells of
+the mesh of v lie inside cells of the mesh of u. Otherwise the quadrature error is O(h).
+
+Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. Let a rectangle have the sides e_1 and e_2,
+the centre c, and the values u_1 ... u_4 at the vertices in turn. With xi = 2 e_1.(x - c) / |e_1|^2 and
+eta = 2 e_2.(x - c) / |e_2|^2,
 
 $$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
@@ -51,7 +54,7 @@ from vemcvx.vem.tensors import elastic_matrix, stresses
 
 
 def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: Floats) -> Floats:
-    """Return the strains (q, 3) at points (q, dim) of cells (q,): of the virtual function for "exact", else of Pi u."""
+    """Return the strain at each point, of u if `kind` is "exact", else of Pi u."""
     plane = field.space.in_plane
     known = "neither a triangle nor a rectangle" if plane else "no tetrahedron"
     slope = np.zeros((field.mesh.n_cells, field.space.dim, field.strain.shape[1]))
@@ -78,12 +81,12 @@ def _rectangles(corners: Floats) -> Bools:
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:
-    """Return the gradients (c, 2, 3) of the strains of b xi eta on rectangles."""
+    """Return the gradients of the strains of b xi eta on rectangles."""
     corners, u = group.corners, displacement[group.nodes]
     b = 0.25 * ((u[:, 0] - u[:, 1]) + (u[:, 2] - u[:, 3]))
     sides = [corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]]
     g, h = (2.0 * side / np.sum(side**2, axis=1)[:, None] for side in sides)
-    # grad(xi eta) = xi h + eta g, of which the derivative along x_k is g_k h + h_k g.
+    # The derivative of grad(xi eta) = xi h + eta g along x_k is g_k h + h_k g.
     turn = g[:, :, None] * h[:, None, :] + h[:, :, None] * g[:, None, :]
     xx, yy = b[:, None, 0] * turn[:, :, 0], b[:, None, 1] * turn[:, :, 1]
     return np.stack([xx, yy, b[:, None, 0] * turn[:, :, 1] + b[:, None, 1] * turn[:, :, 0]], axis=2)
@@ -101,9 +104,9 @@ class Field:
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
         As in `History.moduli`, force per area.
     time : float
-        The instant of the field, at which exact solutions f(x, t) are evaluated.
+        The instant of the field.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
-        As for `Elasticity`; only nodal distances use it.
+        As for `Elasticity`, for nodal distances.
 
     Raises
     ------
@@ -166,11 +169,11 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
 
 
 def step_at(history: Results, time: float) -> int:
-    """Return the number of the stored step at an instant; raise HistoryError if there is none."""
+    """Return the stored step at an instant, or raise HistoryError."""
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
-    # Instants of two runs may differ, because linspace rounds.
+    # Equal instants of two runs may differ by rounding.
     if abs(times[nearest] - time) > SAME * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
@@ -187,7 +190,7 @@ class Measured:
     ----------
     absolute : float
         The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), in units of sqrt(force * length). In
-        Feng, Han and Huang, ||v||_E is smaller by the factor sqrt(2); relative values are the same.
+        Feng, Han and Huang, ||v||_E is smaller by the factor sqrt(2).
     reference : float
         The norm of the reference.
     cells : (n_cells,) array
@@ -205,31 +208,31 @@ class Measured:
 
     @property
     def relative(self) -> float:
-        """The ratio absolute / reference; 0 / 0 = 0, and infinity if only the reference is zero."""
+        """The ratio absolute / reference, where 0 / 0 = 0."""
         if self.reference == 0.0:
             return 0.0 if self.absolute == 0.0 else float("inf")
         return self.absolute / self.reference
 
 
 def make_measure(squares: Floats, reference: float) -> Measured:
-    """Return the measure; `squares` are squared norms of the difference on cells, `reference` is the squared norm."""
+    """Return the measure from the squared norms on cells and the squared reference."""
     cells = np.sqrt(np.maximum(squares, 0.0))
     return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells)
 
 
 @dataclass(frozen=True, eq=False)
 class CommonRule:
-    """A quadrature rule on the overlaps of two meshes; weights may be negative in nonconvex cells."""
+    """A quadrature rule on the overlaps of two meshes."""
 
-    first: Ints  # (q,) the cell of the first mesh at each point
-    second: Ints  # (q,) the cell of the second mesh at each point
-    weights: Floats  # (q,) weights; their sum is the area, or volume, of the overlap of the meshes
-    points: Floats  # (q, dim)
+    first: Ints  # cells of the first mesh (q,)
+    second: Ints  # cells of the second mesh (q,)
+    weights: Floats  # weights (q,), some negative in nonconvex cells
+    points: Floats  # points (q, dim)
 
 
 @lru_cache(maxsize=4)
 def common_rule(first: Mesh, second: Mesh) -> CommonRule:
-    """Return a rule on the overlaps of cells: of degree 2 in the plane, of degree 0 in space."""
+    """Return a quadrature rule, of degree 2 in the plane and 0 in space."""
     if isinstance(second, PolyhedralMesh):
         return _in_pyramids(first, second)
     assert isinstance(first, PolygonMesh)
@@ -240,12 +243,12 @@ def common_rule(first: Mesh, second: Mesh) -> CommonRule:
 
 
 def _in_pyramids(first: Mesh, second: PolyhedralMesh) -> CommonRule:
-    """Split the cells of `second` into pyramids over their faces; return the rule with one point in each pyramid."""
+    """Return the rule with one point in each pyramid over a face of `second`."""
     assert isinstance(first, PolyhedralMesh)
     cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
     arms = second.face_centroids[face] - second.centroids[cell]
     weights = second.face_signs * second.face_areas[face] / 3.0 * np.sum(arms * second.face_normals[face], axis=1)
-    # A pyramid outside a cell that is not convex has a negative weight.
+    # A pyramid outside a nonconvex cell has a negative weight.
     points = second.centroids[cell] + 0.75 * arms
     held = solid_places(Space(first), first, points)[1]
     found = np.flatnonzero(np.diff(held.indptr))
@@ -277,20 +280,20 @@ def energy_distance(
     time: float | None = None,
     common: bool = False,
 ) -> Measured:
-    """Return the energy norm of the difference of two runs, on the same or on different meshes of one body.
+    """Return the energy norm of the difference of two runs, also on different meshes.
 
     Parameters
     ----------
     run, reference : History or Field
-        The result has values on the cells of `run`; relative values refer to `reference`.
+        The compared runs; relative values refer to `reference`.
     kind : {"projected", "exact", "nodal"}
         The compared functions: see :mod:`vemcvx.estimate.measures.distance`.
     step, reference_step : int
         Stored steps; negative numbers count from the end.
     time : float, optional
-        A stored instant of both runs, instead of steps.
+        A stored instant of both runs, in place of step numbers.
     common : bool
-        True to measure on the common part of meshes that do not cover the same domain.
+        True to measure on the common part of different domains.
 
     Returns
     -------
@@ -302,7 +305,7 @@ def energy_distance(
     MeshError
         The meshes do not cover the same domain, or do not admit this kind.
     HistoryError
-        No step was stored at `time`, or a nodal distance was requested and the files of `run` lack the stabilisation.
+        No step was stored at `time`, or `run` lacks the stabilisation for a nodal distance.
     SceneError
         A step was not stored, or the body is a body of revolution.
 
@@ -345,12 +348,12 @@ def _nodal(u: Field, v: Field) -> Measured:
 
 
 def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
-    """Return the node of the fine mesh at every node of the coarse mesh, (n_nodes,)."""
+    """Return the fine node at every coarse node, or raise MeshError."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)
     away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
-    # Nodes count as the same up to 1e-6 times the diameter of the smallest cell.
+    # Nodes are equal up to 1e-6 times the diameter of the smallest cell.
     if away[worst] > 1e-6 * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
             f"energy_distance: node {worst} of the first mesh, at {coarse.points[worst]}, is no node of the second: "
@@ -361,7 +364,7 @@ def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
 
 
 def _cell_energies(field: Field, w: Floats) -> Floats:
-    """Return a_K^h(w, w), (n_cells,), of nodal displacements w (n_nodes, dim), with the material of a field."""
+    """Return the energies a_K^h(w, w) of cells, with the material of a field."""
     own = field.stabilisation
     assert own is not None
     if isinstance(own, str):

@@ -1,7 +1,7 @@
-"""Checks of plane meshes: they return arrays of cells that tile a domain, or raise MeshError.
+"""Checks of the points and cells of plane meshes.
 
-Clockwise cells are reversed and unused nodes dropped, each with a note for a warning. Shapely decides whether a polygon
-is simple, and whether polygons form a coverage: no two overlap, and where two meet they have the same vertices.
+Clockwise cells are reversed, and unused nodes are dropped, with notes for a warning. Shapely decides whether a polygon
+is simple, and whether polygons form a coverage. In a coverage, polygons share whole edges and do not overlap.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from vemcvx.meshes.polygons import (
 )
 
 CELL = "cell {}".format
-Name = Callable[[int], str]  # from the number of a polygon or row of nodes to its name in messages
+Name = Callable[[int], str]  # from the number of a row to a name in messages
 
 
 class CheckedMesh(NamedTuple):
-    """Valid arrays, made of points and cells that a user gave."""
+    """Arrays of a valid mesh."""
 
-    arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh
+    arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh class
     interfaces: dict[str, Interface]
-    node_map: Ints | None  # new number of each given node, -1 if dropped; None if no node is dropped
+    node_map: Ints | None  # new numbers of given nodes, -1 for dropped nodes; or None
     notes: list[str]  # sentences about corrections
 
 
 def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None) -> CheckedMesh:
-    """Return the checked arrays of a `PolygonMesh`, or raise MeshError; only nodes at interfaces may coincide."""
+    """Return the checked arrays of a `PolygonMesh`, or raise MeshError."""
     points = check_points(points)
     offsets, own = lay_flat(list_of(cells, "cells must be a sequence of sequences of node numbers"), CELL)
     if len(offsets) < 2:
@@ -66,7 +66,7 @@ def check_polygon_mesh(points: ArrayLike, cells: Any, interfaces: Mapping[str, I
 
 
 def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
-    """Return points and vertices without unused nodes, a map from old to new numbers (-1 if dropped), and a note."""
+    """Return points and vertices without unused nodes, `node_map`, and notes."""
     used = np.unique(vertices)
     if len(used) == len(points):
         return points, vertices, None, []
@@ -80,7 +80,7 @@ def drop_unused(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | No
 
 
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
-    """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
+    """Return a copy of the points as finite floats, or raise MeshError."""
     given = plain(points)
     if given is None or given.dtype.kind not in "biuf" or given.ndim != 2 or given.shape[1] != dimension:
         found = brief(points) if given is None or given.dtype.kind not in "biuf" else f"the shape {given.shape}"
@@ -106,7 +106,7 @@ def list_of(given: Any, wanted: str) -> list[Any]:
 def lay_flat(rows: list[Any], name: Name) -> tuple[Ints, Ints]:
     """Return offsets and entries of rows of whole numbers, or raise MeshError."""
     flat, counts = None, np.zeros(len(rows), dtype=np.int64)
-    with contextlib.suppress(Exception):  # rows may have other shapes or no numbers
+    with contextlib.suppress(Exception):  # rows may be of any type
         counts[:] = list(map(len, rows))
         flat = np.concatenate([np.empty(0, dtype=np.int64), *rows])
     if flat is None or flat.ndim != 1 or flat.dtype != np.int64:
@@ -119,7 +119,7 @@ def lay_flat(rows: list[Any], name: Name) -> tuple[Ints, Ints]:
 
 
 def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, name: Name) -> None:
-    """Raise MeshError unless polygons have at least three different nodes that exist."""
+    """Raise MeshError if a polygon has fewer than three nodes, or invalid nodes."""
     few = np.flatnonzero(np.diff(offsets) < 3)
     if len(few):
         raise MeshError(f"{name(few[0])} has {np.diff(offsets)[few[0]]} vertices; a polygon has at least 3.")
@@ -156,7 +156,7 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
 
 
 def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return signed areas (n_cells,), or raise MeshError for the first cell that is no simple polygon with an area."""
+    """Return the signed areas of cells, or raise MeshError for an invalid cell."""
     places, sizes = points[vertices], diameters(points, offsets, vertices)
     areas = areas_and_centroids(points, offsets, vertices)[0]
     rounding = roundings(places, offsets)
@@ -166,12 +166,12 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 
 
 def roundings(places: Floats, offsets: Ints) -> Floats:
-    """Return, for each row of points, the largest rounding error of a distance."""
+    """Return the rounding error of distances for each row of points."""
     return TOLERANCE * np.maximum.reduceat(np.abs(places).max(axis=1), offsets[:-1])
 
 
 def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> None:
-    """Raise MeshError for the first polygon whose area is zero up to rounding; `sizes` are diameters."""
+    """Raise MeshError if the area of a polygon is zero up to rounding."""
     flat = np.flatnonzero(np.abs(areas) <= rounding * sizes)
     if len(flat):
         k = flat[0]
@@ -182,7 +182,7 @@ def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> N
 
 
 def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
-    """Raise MeshError for the first outline that meets itself up to rounding. `places` (m, 2) holds all corners."""
+    """Raise MeshError if an outline meets itself up to rounding."""
     import shapely
 
     polygons = outlines(places, offsets, np.arange(len(places)))
@@ -197,7 +197,7 @@ def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) ->
 
 
 def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
-    """Raise MeshError if cells overlap, do not meet in whole edges, or leave a gap too narrow to be intended."""
+    """Raise MeshError unless the cells form a coverage without narrow gaps."""
     width = SINGLE_EPS * lowest(points, offsets, vertices)
     misfit = find_misfit(outlines(points, offsets, vertices), width)
     if misfit:
@@ -211,13 +211,13 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the smallest height (area divided by diameter) of all cells."""
+    """Return the smallest height of a cell, defined as area divided by diameter."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return the two cells that fit worst, and where; None if all fit. Given `body`, cells of one body always fit."""
+    """Return the two cells that fit worst, and a point there, or None."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -227,7 +227,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
     overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
-    # edges with a common segment, on which a hanging node is missing, come before edges along a gap
+    # edges with a common segment come before edges along a gap
     along = shapely.length(shapely.intersection(edges[one], edges[other]))
     near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):

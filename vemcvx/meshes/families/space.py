@@ -14,29 +14,28 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 def cubes(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with cubes. Other families in space have the same parameters, errors and names of sides.
+    """Return a mesh of a box with cubes.
 
     Parameters
     ----------
     n : int or (int, int, int)
-        Numbers of cells along x, y and z; or the number along the shortest side, if cells shall be nearly cubes.
+        Number of cells along the shortest side, or numbers of cells along x, y and z.
     box : ((x0, x1), (y0, y1), (z0, z1))
         The box to mesh.
     seed : int
-        Seed of random numbers: the same seed gives the same mesh. Meshes of `cubes` do not depend on it.
+        Seed of random numbers, for families with random cells.
     size : float
-        Width of a cell, instead of n; it is rounded so that whole cells fill the box.
+        Approximate width of a cell, instead of n.
 
     Returns
     -------
     PolyhedralMesh
-        Boundaries "left" and "right" (x least and greatest), "front" and "back" (y), "bottom" and "top" (z), and
-        "boundary". In the unit cube, h = sqrt(3) / n.
+        The boundaries are "left" and "right" in x, "front" and "back" in y, "bottom" and "top" in z, and "boundary".
 
     Raises
     ------
     MeshError
-        An argument is not valid, both or neither of n and size are given, or there would be too many cells.
+        An argument is invalid, n and size are both given or both missing, or there are too many cells.
 
     Examples
     --------
@@ -49,7 +48,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
-    """Return nodes layer by layer, and corners (n_cells, 8): four around the bottom of each cell, then four on top."""
+    """Return nodes layer by layer, and corners of cells, numbered as in `FACES`."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -61,15 +60,15 @@ def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """Return the mesh of cells of one kind, from the nodes of faces, (n_cells, faces per cell, nodes per face)."""
+    """Return the mesh of cells of one kind, given the nodes of faces."""
     cells, each, sides = faces.shape
     joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# six tetrahedra about the diagonal from the lowest corner to the highest (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
+# six tetrahedra about the diagonal from corner 0 to corner 6 (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
-"""Corners of each tetrahedron by their positions in `cube_grid`, in the order of a "tetra" of meshio."""
+"""Corners of each tetrahedron, numbered as in `cube_grid`."""
 
 
 def tetrahedra(

@@ -1,7 +1,7 @@
-"""Abaqus input files: nodes, elements, sets and surfaces of parts and instances; a note lists what is not read.
+"""Reading of Abaqus input files: nodes, elements, sets and surfaces.
 
-Sets of the same name in several parts or instances are joined. A joined set of elements is also kept for each instance,
-under the name "Instance.Set".
+Sets with the same name in several instances are joined. The elements of a joined set in one instance form the set
+"Instance.Set". A note lists the parts of a file that were not read.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TYPES = {
     r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
     r"B[23](\d)": {1: "line", 2: "line3"},
 }
-"""Pattern of the names of element types -> number that its bracket matches -> kind of cell."""
+"""Pattern of element types -> number matched by the bracket -> kind of cell."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -35,14 +35,14 @@ SIDES = {
     "wedge": ("012", "354", "0143", "1254", "2035"),
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
-"""The sides S1, S2 ... of elements; each digit is the position of a corner."""
+"""The sides S1, S2 ... of elements, as positions of corners."""
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 KEYWORDS_WITH_FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
-Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals without blanks, options, lines of data
+Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals, options, lines of data
 
 
 def read_abaqus(path: Path) -> Grid:
-    """Read a file: element sets become named sets of cells; node sets and surfaces become parts of the boundary."""
+    """Read the cells and the named sets of a file."""
     deck = _Deck()
     for block in _blocks(path):
         deck.take(*block)
@@ -70,7 +70,7 @@ def read_abaqus(path: Path) -> Grid:
 
 
 def _largest(grid: Grid) -> list[str]:
-    """Return the names of sets that no larger set contains. Sets of all cells do not count; equal sets count once."""
+    """Return the names of sets of cells that no larger set contains."""
     inner = grid.bounding[0]
     some = {name: x & inner for name, x in grid.sets.items() if (x & inner).any() and not x[inner].all()}
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))
@@ -80,25 +80,25 @@ def _largest(grid: Grid) -> list[str]:
 
 @dataclass
 class _Deck:
-    """The contents of a file read so far; nodes and elements are numbered in the order of reading."""
+    """The contents of a file read so far."""
 
     points: list[list[float]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
-    rows: list[list[int]] = field(default_factory=list)  # positions of the nodes of the elements
+    rows: list[list[int]] = field(default_factory=list)  # nodes of elements, as positions in `points`
     numbers: defaultdict[tuple[str, str], dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
-    """(instance or "", "NSET" or "ELSET") -> number of a node or element in the file -> position in the deck."""
+    """(instance or "", "NSET" or "ELSET") -> number in the file -> position in `points` or `kinds`."""
     sets: dict[str, dict[str, list[int]]] = field(default_factory=lambda: {"NSET": {}, "ELSET": {}})
-    sides: dict[str, list[list[int]]] = field(default_factory=dict)  # surface -> positions of the nodes of its sides
+    sides: dict[str, list[list[int]]] = field(default_factory=dict)  # surface -> nodes of sides
     parts: dict[str, list[Block]] = field(default_factory=dict)
     placed: set[str] = field(default_factory=set)  # parts that have an instance
     part: str = ""  # the part that is being defined
     scope: str = ""  # the instance that is being read
-    moves: list[list[float]] = field(default_factory=list)  # translations (3 numbers) and rotations (7) of the instance
+    moves: list[list[float]] = field(default_factory=list)  # translations (3,) and rotations (7,)
     spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> its first spelling
     unread: list[str] = field(default_factory=list)
 
     def take(self, word: str, options: dict[str, str], lines: list[str]) -> None:
-        """Read a keyword with its data; raise MeshError if nodes or elements would be lost or misplaced."""
+        """Read the data of a keyword, or raise MeshError."""
         strange = [name for name in ("SYSTEM", "LIBRARY") if options.get(name, "R").upper() != "R"]
         if word in REFUSED or (strange and word in ("NODE", "INSTANCE")):
             more = "".join(f", {name}={options[name]}" for name in strange)
@@ -122,7 +122,7 @@ class _Deck:
             taker(options, rows)
 
     def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
-        """Read a part as the instance `name`, with the moves of the instance."""
+        """Read a part as the instance `name`, translated and rotated by `moves`."""
         self.scope, self.moves, self.part = name, list(moves), ""
         self.placed.add(part)
         for block in self.parts.get(part, []):
@@ -180,7 +180,7 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements of `word`, a number or the name of a set, in the data of `name`."""
+        """Return the nodes or elements that `word`, a number or set, denotes."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
@@ -228,12 +228,12 @@ class _Deck:
 
 
 def _real(word: str) -> float:
-    """Return the value of a number in Python's or Fortran's notation; 0 for an empty word."""
+    """Return the value of a word in Python's or Fortran's notation."""
     return float(word.upper().replace("D", "E") or 0)
 
 
 def _rotate(x: Floats, axis: Floats) -> Floats:
-    """Rotate points; `axis` (7,) has two points on the axis, and the angle in degrees."""
+    """Rotate points about an axis, given by two points and an angle in degrees."""
     along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
     arm = x - axis[:3]
     kept = np.outer(arm @ along, along)
@@ -241,7 +241,7 @@ def _rotate(x: Floats, axis: Floats) -> Floats:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a file without comments, with the lines of included files."""
+    """Yield the lines of a file and of included files, without comments."""
     for line in map(str.strip, path.read_bytes().decode("utf-8", "replace").splitlines()):
         word = line.partition(",")[0].lstrip("*").strip().upper()
         named = re.search(r"\bINPUT\s*=\s*\"?([^\",]+)", line, re.IGNORECASE) if word in KEYWORDS_WITH_FILES else None
@@ -252,7 +252,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def _blocks(path: Path) -> Iterator[Block]:
-    """Yield keywords in capitals without blanks, their options, and the lines of their data."""
+    """Yield the blocks of a file."""
     head, data = "*", list[str]()
     for line in [*_lines(path), "*"]:
         if head.endswith(",") and not data and not line.startswith("*"):

@@ -1,6 +1,6 @@
-"""Nastran files, which we rewrite for meshio: one card per line, with commas between fields.
+"""Reading of Nastran files. Cards are rewritten with commas, and meshio reads the result.
 
-The elements of each property form a set, named by the number of the property.
+The elements with the same property form a set, named by the number of the property.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from vemcvx.meshes.io.grid import Grid
 
 CORNERS = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CSHEAR": 4, "CTETRA": 4}
 CORNERS |= {"CPYRAM": 5, "CPYRA": 5, "CPENTA": 6, "CHEXA": 8, "CBAR": 2, "CBEAM": 2, "CROD": 2}
-"""Element -> number of its corners, which are its first nodes."""
+"""Element -> number of corners, which come before other nodes."""
 FIRST_ORDER = {"CTRIA6": "CTRIA3", "CQUAD8": "CQUAD4"}
 SOLIDS = "CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA"  # of first or second order
 
 
 def read_nastran(path: Path) -> Grid:
-    """Read the points and cells of a file; raise MeshError if some of them would be lost or misplaced."""
+    """Read the points and cells of a file, or raise MeshError."""
     import meshio
 
     lines, curved = list[str](), set[str]()
@@ -76,5 +76,5 @@ def _cards(text: str) -> list[list[str]]:
 
 
 def _real(field: str) -> str:
-    """Return a number in Python's notation, also for 1.5D-3 and 2.5-3; an empty field is zero."""
+    """Return a number such as 1.5D-3 or 2.5-3 in Python's notation."""
     return re.sub(r"^([+-]?[\d.]+)([+-]\d+)$", r"\1E\2", field.replace("D", "E")) or "0."

@@ -28,7 +28,7 @@ class Finer:
     added: Floats  # (N,) estimated error that each step adds
     times: Floats  # (q,) the finer instants
     norm: float  # largest energy norm of the finer run
-    bends: Floats  # (k,) instants where the data bend
+    bends: Floats  # (k,) instants of bends, turns and jumps of the data
     jumps: tuple[str, ...]
 
 

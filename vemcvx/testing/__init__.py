@@ -7,8 +7,8 @@ In a test file::
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver must solve the instances with accepted features, and refuse all other instances. Effects are tested in the
-scenes of their samples. pytest is required.
+A solver is tested on the instances with accepted features, and must refuse all other instances. Effects are tested in
+the scenes of their samples. pytest is required.
 """
 
 from __future__ import annotations

@@ -74,9 +74,9 @@ def simulate(
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs with neither friction nor one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
-        The displacement at times[0]; None: zero; "equilibrium": the equilibrium a(u_0, .) = l(0) without friction;
-        "settled": the result of one step from zero; :func:`vemcvx.projected`: the projection P^h u_0. A history is
-        continued on the same mesh, with the slip, wear, work and dissipation so far.
+        The displacement at times[0]. None is zero. "equilibrium" is the solution of a(u_0, .) = l(0), without friction.
+        "settled" is the result of one step from zero. :func:`vemcvx.projected` gives the projection P^h u_0. A history
+        is continued on the same mesh, with the slip, wear, work and dissipation so far.
     store : "all", "last", int n or sequence of int
         The steps to store besides the last: all, none ("last"), every n-th, or the given steps. Stored steps are
         certified on all unknowns, other steps on the unknowns of contact and friction.
@@ -184,7 +184,7 @@ def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
     Returns
     -------
     (N + 1,) array
-        Increasing instants. A jump has an instant before and after it, at most a billionth of the run apart.
+        Increasing instants. A jump lies between two instants, at most a billionth of the run apart.
 
     Raises
     ------
@@ -261,7 +261,7 @@ def programs(
 
 
 def check_kinds(scene: object, mesh: object) -> None:
-    """Raise SceneError unless these are a scene and a mesh, in this order."""
+    """Raise SceneError unless the arguments are a scene and a mesh."""
     if not isinstance(scene, Scene) or not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
         raise SceneError(f"simulate: found {brief(scene)} and {brief(mesh)}; wanted a Scene, then a mesh.")
 
@@ -277,8 +277,8 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    P^h is defined in (2.11) and (3.26) of the paper. The initial state obeys (2.1) on the mesh: a step at times[0]
-    leads from P^h u_0 to it. A warning is issued if this step is large: u_0 violates (2.1), or h is too large.
+    P^h is defined in (2.11) and (3.26) of the paper. A step at times[0] leads from P^h u_0 to the initial state, which
+    obeys (2.1) on the mesh. If this step is large, u_0 violates (2.1), or h is too large: a warning says so.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
         The vectors u_0 at points x (m, dim), for t = times[0]. At supports, u_0 must obey their conditions.
     settle : bool
         False: omit this step, as Theorem 3.10 allows, and begin at P^h u_0. The certificate of the initial state is
-        the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
+        then the relative energy norm of this step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
@@ -323,7 +323,7 @@ def begins(initial: object) -> str:
 
 
 def free_unknowns(initial: ArrayLike | str | Projected | Results | None, posed: PosedScene, times: Floats) -> Beginning:
-    """Return the argument `initial` of `march`, for an initial state on the nodes of the mesh."""
+    """Return an initial state as the argument `initial` of `march`."""
     if isinstance(initial, Results):
         return _continue(initial, posed, times)
     if isinstance(initial, str):
@@ -367,12 +367,12 @@ def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
 
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
-    """Return the free unknowns of displacements (n_nodes, dim); raise SceneError if they contradict supports."""
+    """Return the free unknowns of displacements; raise SceneError for contradictions to supports."""
     t, points, resting = float(times[0]), posed.space.mesh.points, posed.at_rest(u.ravel())
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # The tolerance is relative to the largest motion in the run: the motion at t may be zero up to rounding.
+    # Motions at t may be zero up to rounding: compare with the largest motion.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]

@@ -1,25 +1,25 @@
 """Bounds on the error of whole histories, for mesh and steps together, if friction has a given bound.
 
-In the notation of :mod:`vemcvx.bound`, let v and tau be admissible at all instants, and let X = tau - sigma. Then
-X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. Let <., .> be the
-inner product of the norm |.|. Green's formula and Tresca's law for u give
+At each instant, let u be the exact displacement, with the stress sigma. The displacement v and the stress tau are
+admissible, and r is the defect of this pair (:mod:`vemcvx.bound`). For X = tau - sigma and the elastic tensor C we have
+X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. Green's formula and
+Tresca's law give
 
-    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s').
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
-In step n all fields are linear in time, and D increases by D_n. So Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies
-y <= a + int m) gives
+where <., .> is the inner product of the norm |.|. Brezis' lemma says: y^2 / 2 <= a^2 / 2 + int m y implies
+y <= a + int m. In step n all fields are linear in time. With the integral D_n of D' over this step
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,      |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2,
 
-because C eps(u - v_n) = r_n - X. The displacement v + w of :mod:`.hypercircle` equals v on contact. It has a smaller r,
-and may replace v except in the last term |r_n|^2, because X is orthogonal to C eps(w).
+because C eps(u - v_n) = r_n - X. A displacement w that is zero on contact (:mod:`.hypercircle`) makes r smaller. X is
+orthogonal to C eps(w). So v + w may replace v, except in the last term |r_n|^2.
 
-**The start.** If u(0) = v_0, then y_0 = |r_0|. If the run begins with a step from zero (initial="equilibrium" or
-"settled"), so does the exact history. Then y_0^2 = |r_0|^2 + 2 b_0 by theorem 1, with the b of this step. r_0 is the r
-of v_0, without w.
+**The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
+zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b_0 for v_0.
 
-**Data in time.** If data are not linear between the instants of a run, the run is repeated on the same cells in finer
-steps. An estimate is added to the bound: SAFETY times the largest difference of the two runs so far, in energy norm.
+**Data in time.** If data are not linear within steps, we repeat the run on the same cells in finer steps. The bound
+then contains an estimate: SAFETY times the largest difference of the two runs so far, in energy norm.
 """
 
 from __future__ import annotations
@@ -41,15 +41,13 @@ from vemcvx.stepping import march
 from vemcvx.stepping.course import JUMP_WIDTH, inputs, inside_steps, sample_course, subdivide
 
 log = logging.getLogger("vemcvx")
-SAMPLES = 512
-"""Smallest number of instants of a whole run at which data are sampled."""
+SAMPLES = 512  # Smallest number of sampled instants in a run.
 SAMPLES_PER_STEP = 8  # Smallest number of sampled instants in each step.
-SAFETY = 1.5
-"""Safety factor of the estimated error between instants."""
+SAFETY = 1.5  # Safety factor of the estimated error between instants.
 
 
 def check_history(posed: PosedScene, history: History) -> None:
-    """Raise SceneError if there is no bound over the whole history, or not all of it is stored."""
+    """Raise SceneError if there is no bound over the whole history, or instants are not stored."""
     count = history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
     if len(posed.obstacles) or laws:
@@ -72,11 +70,7 @@ def check_history(posed: PosedScene, history: History) -> None:
 
 
 def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
-    """Return terms of the bounds (N + 1, 7), |r|_K^2 (n_cells,), and instants at which data are not linear.
-
-    The terms are y, the sum of D_n, |v_n|_a, |r_n| of v, |r_n| of v + w, and two estimated errors: from data between
-    quadrature points, and from data between instants. |r|_K^2 belongs to the instant of the largest y.
-    """
+    """Return the terms of the bounds, squared cell errors, and instants at which data are not linear."""
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
     pair = circle.pair(first, replace(first, u=0.0 * first.u) if rests else first)
@@ -90,6 +84,7 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
             y, dissipated = float(np.sqrt(y**2 + 2.0 * lost)) + change, dissipated + lost
             missed += float(np.linalg.norm(pair.read.omitted - before.read.omitted))
         richer = float(np.sqrt(circle.squares(pair.richer).sum()))
+        # The columns are y, the sum of D_n, |v_n|_a, |r_n| of v, |r_n| of v + w, and estimated errors.
         found.append((y, dissipated, pair.norm, float(np.sqrt(pair.A2)), richer, missed + pair.read.eta))
         squares.append(pair.cells)
     between, bends = _between(circle.posed, history)
@@ -98,12 +93,12 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
 
 
 def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
-    """Return the estimated errors (N + 1,) from data between instants, and instants at which data are not linear."""
+    """Return estimated errors (N + 1,), and instants at which data are not linear."""
     times = history.trajectory.times
     if len(times) < 2:
         return np.zeros(1), times[:0]
     with suppress_scene_warnings():
-        # A run omits friction that acts only within a step. Here all effects are posed.
+        # Without instants, pose_scene omits no effects.
         whole = pose_scene(posed.scene, posed.space.mesh)
     bends = inside_steps(times, sample_course(whole.system, times).bends)
     off = np.union1d(bends, _off_lines(whole.system, times))
@@ -128,7 +123,7 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
 
 
 def _off_lines(system: System, times: Floats) -> Floats:
-    """Return random instants at which data differ from linear interpolation between the instants of a run."""
+    """Return random instants at which data differ from linear interpolation in time."""
     parts = subdivide(times, SAMPLES_PER_STEP, SAMPLES)
     width, draw = np.diff(parts), np.random.default_rng(0)
     inside = parts[:-1] + draw.uniform(1.0, 2.0, len(width)) / 3.0 * width

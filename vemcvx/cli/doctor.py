@@ -26,7 +26,7 @@ EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "petsc4py": "petsc"},
     **{"pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
-PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}  # Packages of linear solvers.
+PACKAGES = {"pardiso": "py-mkl-pardiso", "iterative": "pyamg", "petsc": "petsc4py"}  # Linear solver -> package.
 Finding = tuple[str, str, bool]
 """The name of a package or solver, the result in words, and False for a failure."""
 
@@ -62,7 +62,7 @@ def findings() -> Iterator[Finding]:
 
 
 def name_platform() -> str:
-    """Return the versions of vemcvx and Python, and the name of the machine."""
+    """Return the versions of vemcvx and Python, and the name of the system."""
     return f"{__version__}, Python {platform.python_version()} on {platform.platform()}"
 
 
@@ -75,7 +75,7 @@ def version_of(package: str) -> str | None:
 
 
 def _test_chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
-    """Solve a chain of four blocks, each with friction 0.5; the first block is pulled with the force 1.2."""
+    """Test a solver by a chain of four blocks with friction, of which one is pulled."""
     K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
     system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
     try:

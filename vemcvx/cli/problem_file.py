@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 
 def execute_file(path: Path, kind: str) -> ModuleType:
-    """Execute a Python file and return its module; `kind` names the file in messages."""
+    """Execute a Python file, called `kind` in messages, and return the module."""
     if not os.path.isfile(path):
         raise ProblemError(f"{path}: there is no such {kind}.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is a Python file, whose name ends in .py.")
     module, loader = importlib.util.module_from_spec(spec), spec.loader
-    # Dataclasses look up their module by name. As with `python FILE`, a file may import the files beside it.
+    # Dataclasses look up their module by name, and a file may import files beside it.
     sys.modules[spec.name] = module
     sys.path.insert(0, folder := str(path.resolve().parent))
     try:
@@ -54,7 +54,7 @@ def execute_file(path: Path, kind: str) -> ModuleType:
 
 
 def run_user_code(path: Path, what: str, action: Callable[[], Any], wanted: str = "") -> Any:
-    """Run code of a user's file; if the code raises an error, raise ProblemError with file, line and `wanted`."""
+    """Run code of a user's file, and report errors as ProblemError with file and line."""
     try:
         return action()
     except VemcvxError:
@@ -70,7 +70,7 @@ def run_user_code(path: Path, what: str, action: Callable[[], Any], wanted: str 
 
 
 def parse_literal(text: str) -> Any:
-    """Return the value of a Python literal; any other text is returned unchanged."""
+    """Return the value of a Python literal, or the text if it is no literal."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
@@ -83,7 +83,7 @@ def split_values(text: str) -> list[str]:
 
 
 SPACE_N = 8  # Default number of cells across the shortest side in space.
-# The functions of a problem file: PARTS has their signatures, KINDS and RETURNS have the types of their results.
+# Function of a problem file -> signature (PARTS), types of the result (KINDS), result in words (RETURNS).
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}
 RETURNS = {
@@ -109,7 +109,7 @@ class Posed:
         return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
 
     def adapt(self, instants: Floats, target: float, **options: Any) -> Adapted:
-        """Return an adaptive run from the initial instant through `instants`, which begins with this mesh."""
+        """Return an adaptive run through the initial instant and `instants`."""
         from vemcvx.estimate.adapt import adapt
 
         wanted = np.append(self.times[0], instants)
@@ -135,16 +135,16 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """The docstring below its first line."""
+        """The docstring without the first line."""
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Return the scene's parameters and their values in words; settings "name=value" replace default values."""
+        """Return the names and values of parameters in words, with settings "name=value"."""
         values = self._values(settings).items()
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in values]
 
     def numbers(self, settings: Sequence[str] = ()) -> dict[str, float]:
-        """Return the parameters of the scene that are numbers; settings "name=value" replace default values."""
+        """Return the numerical parameters of the scene, with settings "name=value"."""
         return {name: float(value) for name, value in self._values(settings).items() if is_real(value)}
 
     def _values(self, settings: Sequence[str]) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class Problem:
         return {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD} | given
 
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return all combinations of the values in settings "name=value,value"; the last setting varies fastest."""
+        """Return all combinations of the values in settings "name=value,value"."""
         self._parse_settings(settings)
         typed = [setting.partition("=") for setting in settings]
         return list(product(*(dict.fromkeys(f"{name}={x}" for x in split_values(text)) for name, _, text in typed)))
@@ -163,7 +163,7 @@ class Problem:
 
     @property
     def has_stages(self) -> bool:
-        """True if the file defines `stages`, which `run` and `show` use instead of `scene` and `times`."""
+        """True if the file defines the function `stages`."""
         return callable(getattr(self.module, "stages", None))
 
     def stages(self, settings: Sequence[str] = ()) -> list[tuple[Scene, Floats]]:
@@ -178,10 +178,10 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return the mesh of a family, or of a mesh file; None means the problem's own family."""
+        """Return a mesh of a family or a file, by default of the problem's own family."""
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
-            # Names such as "plate.rim" and "plate|pin" in a scene tell that the file contains several bodies.
+            # Scenes of several bodies have names such as "plate.rim" and "plate|pin".
             names = [where(getattr(effect, "on", "")) for scene in scenes for effect in scene.effects]
             return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):
@@ -191,24 +191,24 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes for the problem: in space if its default family is in space, else in the plane."""
+        """The mesh families in the dimension of the problem."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
     def family(self) -> str | None:
-        """The default family of the function `mesh`, if the file has one."""
+        """The default family of the function `mesh`, or None."""
         default = inspect.signature(self.module.mesh).parameters.get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def in_space(self, family: str | None = None) -> bool:
-        """Return True if the mesh consists of polyhedra; for a family unknown to vemcvx, a coarse mesh decides."""
+        """Return True if the mesh consists of polyhedra."""
         known = family or self.family
         if known in FAMILIES or known in SPACE_FAMILIES:
             return known in SPACE_FAMILIES
         return not isinstance(self.mesh(SPACE_N, family), PolygonMesh)
 
     def default_n(self, in_plane: int, family: str | None = None) -> int:
-        """Return a default number of cells across the shortest side: `in_plane`; in space SPACE_N, if this is less."""
+        """Return the default number of cells across the shortest side."""
         plane = in_plane <= SPACE_N or (family is not None and is_file(family)) or not self.in_space(family)
         return in_plane if plane else SPACE_N
 
@@ -217,7 +217,7 @@ class Problem:
         return check_times(self._call("times", steps))
 
     def pose(self, settings: Sequence[str], mesh: Mesh, steps: int, solver: Solver | None = None) -> Posed:
-        """Return the arguments of `simulate` and `adapt` for these settings, this mesh, and a number of steps."""
+        """Return the arguments of `simulate` for settings, a mesh and a number of steps."""
         return Posed(self.scene(settings), mesh, self.times(steps), solver, self.initial)
 
     @property
@@ -231,7 +231,7 @@ class Problem:
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:
-        """Return the parameters of the function `part`; by default, of `stages` if the file has it, else of `scene`."""
+        """Return the parameters of the function `part`, by default of `stages` or `scene`."""
         chosen = part or ("stages" if self.has_stages else "scene")
         return inspect.signature(getattr(self.module, chosen, lambda: None)).parameters
 
@@ -251,7 +251,7 @@ class Problem:
         return given
 
     def require(self, part: str) -> None:
-        """Raise ProblemError if a file with stages does not define this function."""
+        """Raise ProblemError if the file does not define the function `part`."""
         if not callable(getattr(self.module, part, None)):
             raise ProblemError(
                 f"{self.path}: it has stages and no {PARTS[part]}; only `vemcvx run` and `show` take stages. Define "
@@ -270,7 +270,7 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Read a problem file, given by its path or by the name of a problem file of the package."""
+    """Read a problem file, given by path, or by name if the package contains it."""
     path = problem_path(file)
     module = execute_file(path, "problem file")
     needed = ("mesh",) if callable(getattr(module, "stages", None)) else tuple(PARTS)
@@ -287,6 +287,6 @@ def is_file(family: str) -> bool:
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:
-    """Return the name of a mesh: its file, or its family and the number n of cells."""
+    """Return the name of a mesh file, or of a family with the number n."""
     name = family or problem.family or "the problem's own"
     return name if is_file(name) else f"{name}, n = {n}"

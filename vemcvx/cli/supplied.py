@@ -1,4 +1,4 @@
-"""Problem files and lessons, in the folder `problems` of an installed package, or beside `vemcvx` in a checkout."""
+"""Problem files and lessons of the package."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ class Supplied:
 
     @property
     def sentence(self) -> str:
-        """The first sentence of the file's docstring; in lessons this is a heading."""
+        """The first sentence of the file's docstring."""
         text = " ".join((ast.get_docstring(self._parse()) or "").removeprefix("# ").split())
         first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # an initial such as J. ends no sentence
         return first.group() if first else text
 
     @property
     def is_problem(self) -> bool:
-        """True for a problem file: it defines `mesh`, and also `stages` or both `scene` and `times`."""
+        """True for a problem file."""
         defined = {node.name for node in self._parse().body if isinstance(node, ast.FunctionDef)}
         return defined >= {"scene", "mesh", "times"} or defined >= {"mesh", "stages"}
 
 
 def problems_folder() -> Path:
-    """Return the folder of the problem files; raise ProblemError if they are not installed."""
+    """Return the folder of the problem files."""
     for place in (PACKAGE / "problems", PACKAGE.parent / "problems"):
         if (place / "lessons").is_dir():
             return place
@@ -60,7 +60,7 @@ def lessons() -> dict[int, Supplied]:
 
 
 def problem_path(file: str | Path) -> Path:
-    """Return the path of a file; if `file` names a problem of the package, the path of this problem file."""
+    """Return the path of a problem file, given by path or by name."""
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
         return path
@@ -71,7 +71,7 @@ def problem_path(file: str | Path) -> Path:
 
 
 def copy_lesson(number: int, notebook: bool) -> list[Path]:
-    """Copy a lesson and its solutions into this folder, and return the copies; overwrite no file."""
+    """Copy a lesson and its solutions into the current folder, and return the copies."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
@@ -91,7 +91,7 @@ def copy_lesson(number: int, notebook: bool) -> list[Path]:
 
 
 def as_notebook(text: str) -> dict[str, Any]:
-    """Return a file with cells as a notebook without outputs; cells that only draw are folded."""
+    """Return the text of a lesson as a notebook without outputs."""
     first, *rest = re.split(r"^# %%(.*)\n", text, flags=re.MULTILINE)
     made = list[dict[str, Any]]()
     for mark, source in [("", first), *zip(rest[::2], rest[1::2], strict=True)]:

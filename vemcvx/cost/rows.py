@@ -1,4 +1,4 @@
-"""Rows of tables (the settings, status and key figures of a run by name), and CSV files of such rows."""
+"""Key figures of runs as rows of tables and CSV files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vemcvx.plots.style import Units, in_units
 from vemcvx.results import Results
 from vemcvx.results.files import ENERGIES, finite_or_none, peak_memory_mb
 
-Row = dict[str, Any]  # The values of a run by name; a value that a run does not have is None or missing.
+Row = dict[str, Any]  # Values of a run by name.
 COUNTS = "sticking", "slipping", "open"
 FORCES = "reaction", "force"
 PLAIN = "certified", "certified_total", "estimated_error", "steps", "cells", "unknowns", "seconds", "peak_mb"
@@ -20,11 +20,11 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of key figures. Energies are taken at the end of the run, counts at the step of largest energy."""
+"""Names of key figures: energies at the end of a run, counts at the step of largest energy."""
 
 
 def figures(history: Results) -> Row:
-    """Return the key figures of a run by name, without figures that the run does not have."""
+    """Return the key figures of a run by name."""
     run, touch = history.trajectory, history.contact
     counts = dict(zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True))
     largest_forces = Row()
@@ -48,7 +48,7 @@ def figures(history: Results) -> Row:
 
 
 def units_of(history: Results, units: Units) -> dict[str, str]:
-    """Return the units of the key figures of a run that have a unit."""
+    """Return the units of key figures by name."""
     return {
         **dict.fromkeys(ENERGIES, in_units("energy", units)),
         **{one.key: in_units(one.unit, units) for one in history.extremes},
@@ -57,6 +57,6 @@ def units_of(history: Results, units: Units) -> dict[str, str]:
 
 
 def csv(rows: Sequence[Row]) -> str:
-    """Return rows as comma-separated values, with every column that occurs in some row."""
+    """Return rows as comma-separated values, with the columns of all rows."""
     heads = list(dict.fromkeys(name for row in rows for name in row))
     return Table(heads, [list(map(row.get, heads)) for row in rows]).csv()

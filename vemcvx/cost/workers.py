@@ -20,7 +20,7 @@ DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "cra
 
 
 def call_safely(function: Callable[..., Any], *given: Any) -> tuple[str, Any]:
-    """Call a module-level function in a new process; return DONE and the result, or another status and the reason."""
+    """Call a function in a new process, and return the status and the result or reason."""
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, given), daemon=True)
@@ -54,7 +54,7 @@ def _answer(sender: Connection, function: Callable[..., Any], given: tuple[Any, 
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
     try:
-        # The messages and progress bars of parallel runs would overwrite each other.
+        # Messages of parallel runs would overwrite each other.
         with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
             answer = DONE, function(*given)
     except VemcvxError as error:

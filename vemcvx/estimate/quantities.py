@@ -5,7 +5,7 @@ The scene is simulated twice more. The errors of a value Q due to the step size 
     steps   3 |Q_k - Q_{k/2}|   with a run on the same mesh, in half steps (see also :mod:`.finer_steps`),
     mesh    2 |Q_h - Q_{h/2}|   with a run at the same instants, on the mesh with all cells refined once.
 
-For wear, we take the largest difference at a common contact node of two runs (docs/theory/error_estimates.md).
+For wear, we take the largest difference at a contact node that both runs have (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _final_values(history: History) -> dict[str, float]:
 
 
 def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
-    """Return twice the differences between the final values of two runs; for wear, the largest at a common node."""
+    """Return twice the differences between the final values of two runs."""
     own, other = _final_values(history), _final_values(finer)
     apart = {name: 2.0 * abs(own[name] - other[name]) for name in ("dissipated", "work")} | {"wear": 0.0}
     coarse, fine = history.contact, finer.contact
@@ -102,7 +102,7 @@ def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
 
 
 def _wear_without_limit(history: History) -> str:
-    """Return a sentence if the largest wear is at a corner where friction may grow without limit, else ""."""
+    """Return a sentence if the largest wear is at a corner of unlimited friction, else ""."""
     contact, sides = history.contact, history.sides
     wear = contact.wear_second_order[-1:].max(axis=0, initial=0.0)
     if not wear.any() or sides is None or not history.trajectory.given_friction.any():
@@ -125,7 +125,7 @@ def _start(history: History) -> Floats:
 
 
 def _run_again(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
-    """Simulate the scene again, without warnings: the first run has issued them."""
+    """Simulate the scene again, without warnings."""
     with suppress_scene_warnings():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, times)

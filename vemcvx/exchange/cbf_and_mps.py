@@ -1,14 +1,15 @@
-"""Programs as CBF and MPS, the text formats of conic and of quadratic programs; symbols as in :mod:`.arrays`.
+"""Programs in the text formats CBF (conic programs) and MPS (quadratic programs).
 
-CBF, the Conic Benchmark Format (version 1), has one cone per norm term, and one cone for the energy::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. Limits j with compliances c_j > 0
+are soft. CBF, the Conic Benchmark Format (version 1), has one cone per norm term, and one cone for the energy::
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
                 (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone per term
                 e - D d + c p          in L+        p is the force of a soft limit
 
-F is the Cholesky factor of K; for a dense K with a kernel of k motions, F has n - k rows. Reading gives K = F'F, with
-the rounding of this product. At a solution, the dual of a cone Q is (w_i, -lam_i), the dual of L+ is p.
+F is the Cholesky factor of K. If a dense K (n, n) has a kernel of k motions, F has n - k rows. Reading gives F'F as K.
+At a solution with the multipliers lam and p, a cone Q has the dual (w_i, -lam_i), and L+ has the dual p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
 
@@ -16,7 +17,7 @@ MPS in free format with a quadratic objective, also called QPS, holds absolute v
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
 QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam = (dual of U) - (dual of L), and p is
-the dual of Z. HiGHS returns duals <= 0: first reverse their signs. The columns p_j are the forces of soft limits. The
+the dual of Z. HiGHS returns duals <= 0: reverse the signs first. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 In both formats, the first n variables are d. The first line is a comment with the sizes of the program.
@@ -49,7 +50,7 @@ def _head(program: StepProgram) -> str:
 
 
 def _read(path: Path) -> tuple[list[int], dict[str, str]]:
-    """Return the numbers in the first line of a file, and its sections by name."""
+    """Return the numbers in the first line of a file, and the sections by name."""
     text = path.read_text(encoding="utf-8")
     found = re.match("[#*] " + HEAD.replace("{}", r"(\d+)") + "\n", text)
     if found is None:
@@ -61,7 +62,7 @@ def _read(path: Path) -> tuple[list[int], dict[str, str]]:
 
 
 def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
-    """Yield row, column and exact decimal value of the nonzero entries, in the order of the matrix."""
+    """Yield the row, column and decimal value of each nonzero entry."""
     rows.sort_indices()
     coo = rows.tocoo()
     for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
@@ -88,7 +89,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
 
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of the file, by suffix."""
+    """Return the contents of a CBF file by suffix."""
     soft = np.flatnonzero(program.operators.compliance)
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
@@ -104,7 +105,7 @@ def to_cbf(program: StepProgram) -> dict[str, bytes]:
 
 
 def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
-    """Return A and b of A x + b, x = (d, t, q, p), and the cones of its rows."""
+    """Return A, b and the cones of the rows A x + b, with x = (d, t, q, p)."""
     operators = program.operators
     m, block, c, F = operators.count, operators.block, operators.compliance, root(program)
     energy = 2 + F.shape[0] + len(soft)
@@ -137,7 +138,7 @@ def from_cbf(path: Path) -> StepProgram:
         raise ProgramError("its cones do not fit the sizes in the first line.")
 
     def entries(name: str, rows: int, columns: int) -> sp.csr_matrix:
-        # The sections OBJACOORD and BCOORD have no row numbers, because each holds a single row.
+        # OBJACOORD and BCOORD have no row numbers.
         width = 2 if name != "ACOORD" else 3
         numbers = np.array(sections[name].split()[1:], dtype=float).reshape(-1, width).T
         places = numbers[:-1].astype(np.int64)
@@ -153,13 +154,13 @@ def from_cbf(path: Path) -> StepProgram:
 
 
 def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
-    """Yield the names of rows, with the objective last; then the names of columns, with the right-hand side last."""
+    """Yield the names of rows, then the names of columns."""
     for sizes, last in (({"U": m, "L": m, "Z": r}, "cost"), ({"d": n, "t": m, "p": r}, "rhs")):
         yield [*(f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)), last]
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return the contents of the file, by suffix; raise ProgramError if the program has second-order cones."""
+    """Return the contents of an MPS file by suffix."""
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
         raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")

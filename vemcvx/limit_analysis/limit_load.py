@@ -1,13 +1,13 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
-The columns of N are the rigid motions that no support holds. A motion N c has the slips B N c, and approaches the
+The columns of N are the rigid motions that no support prevents. A motion N c has the slips B N c, and approaches the
 obstacles by D N c. Let f_0 be the loads of the scene, and f the load to multiply. Friction forces lam have the bound
 w + J p at the pressures p: Tresca's law has J = 0; Coulomb's law has w = 0 and J p = mu p. The factor is the largest
 alpha with
 
     N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
 
-A mechanism is a motion with D N c + J'|B N c| <= 0 and f'N c = 1. Its upper bound is sum_i w_i |B_i N c| - f_0'N c.
+A mechanism, D N c + J'|B N c| <= 0 and f'N c = 1, gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
 """
 
 from __future__ import annotations
@@ -30,10 +30,8 @@ from vemcvx.program.kernel import balance_multipliers
 from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
 
-MARGIN = 1e-10
-"""Fraction by which friction is reduced, so that there is room to correct forces."""
-TOLERANCE = 0.1 * MARGIN
-"""Allowed violation of conditions by the corrected forces and motions, in the units of :class:`Balance`."""
+MARGIN = 1e-10  # Fraction by which friction is reduced, as room for correcting forces.
+TOLERANCE = 0.1 * MARGIN  # Largest violation of a condition by corrected forces and motions.
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -43,9 +41,9 @@ class LimitLoad(ArrayRecord):
     Attributes
     ----------
     factor, upper : float
-        The lower bound, at which `friction` and `pressure` balance all loads, and the upper bound.
+        The lower and the upper bound.
     friction, pressure : (n_nodes, dim) arrays
-        Forces of friction and of one-sided contact on the nodes.
+        Forces of friction and of one-sided contact on the nodes, which balance all loads at `factor`.
     motion : (n_nodes, dim) array
         Displacements of the nodes in the mechanism, on which the load does the work 1.
     mechanism : str
@@ -118,7 +116,7 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     B = B.reshape(len(w), posed.system.block, len(push))
     balance = Balance(B, D, w=w / unit, J=J, dead=dead / unit, push=push / per_load)
     alpha, lam, p, c, _ = balance.solve("limit_load")
-    alpha *= 1.0 - MARGIN  # This leaves room to correct pressures, too.
+    alpha *= 1.0 - MARGIN  # This is room for correcting pressures.
     lam, p, off = balance.correct_forces(alpha, lam, p)
     c, over = balance.correct_motion(c, lam, p)
     if not max(off, over) < TOLERANCE:
@@ -163,7 +161,7 @@ def _read_law(posed: PosedScene, t: float) -> tuple[Floats, sp.csr_matrix]:
 
 
 def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:
-    """Return the work N'f of nodal forces f (n_u,) on k motions; work of the size of rounding becomes zero."""
+    """Return the work N'f of nodal forces f, with zeros for rounding errors."""
     f = posed.supports.gather(force)
     return np.where(np.abs(N.T @ f) > ROUNDING * (np.abs(N).T @ np.abs(f)), N.T @ f, 0.0)
 
@@ -186,7 +184,7 @@ class Balance(NamedTuple):
     def solve(self, subject: str, elastic: Any = (0.0,)) -> tuple[float, Floats, Floats, Floats, Floats]:
         """Find the largest alpha with |lam + alpha E| <= w + J p for every array E (m, block) in `elastic`.
 
-        Return alpha, lam (m, block), p (r,), the motion c (k,) of the mechanism, and the slips (m, block) for each E.
+        Return alpha, lam, p, the motion c of the mechanism, and the slips for each E.
         """
         import cvxpy as cp
 
@@ -200,7 +198,7 @@ class Balance(NamedTuple):
 
         x: Any = cp.Variable(len(self.modes))
         conditions = admit(x, alpha)
-        # A second set of forces must balance the loads that are not multiplied.
+        # Other forces must balance the loads of the scene alone.
         alone = admit(cp.Variable(len(self.modes)), 0.0) if self.dead.any() and self.push.any() else []
         problem = cp.Problem(cp.Maximize(alpha), conditions + alone)
         with warnings.catch_warnings(), suppress(cp.error.SolverError):
@@ -229,7 +227,7 @@ class Balance(NamedTuple):
         return lam, p, max(x.max(initial=0.0) for x in (left, -p, lengths(lam) - self.w - self.J @ p))
 
     def correct_motion(self, c: Floats, lam: Floats, p: Floats) -> tuple[Floats, float]:
-        """Return the mechanism, on which the load does the work 1, and the largest violation of a condition."""
+        """Return the corrected mechanism, and the largest violation of a condition."""
         c = c / (self.push @ c)
         opens = self.D @ c + self.J.T @ lengths(self.B @ c)
         closed, sticks = p > -opens, self.w + self.J @ p - lengths(lam) > lengths(self.B @ c)

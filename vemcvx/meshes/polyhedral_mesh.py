@@ -32,9 +32,9 @@ class PolyhedralMesh(Mesh):
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
         Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell.
     boundaries : mapping of str to array_like, optional
-        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" is reserved for the
-        whole boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
-        "bottom" and "top"; an empty mapping names nothing.
+        Name -> numbers of boundary faces, or rows of their vertices. The name "boundary" is reserved for the whole
+        boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
+        "bottom" and "top". An empty mapping names nothing.
     cell_data, interfaces : as in `PolygonMesh`
 
     Attributes
@@ -85,7 +85,7 @@ class PolyhedralMesh(Mesh):
 
     @cached_property
     def cells(self) -> tuple[tuple[Ints, ...], ...]:
-        """Vertices of the faces of each cell, counter-clockwise seen from outside, as given to `PolyhedralMesh`."""
+        """Faces of each cell, with vertices counter-clockwise as seen from outside."""
         forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
         listed = [
             forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
@@ -122,7 +122,7 @@ class PolyhedralMesh(Mesh):
 
     @property
     def face_normals(self) -> Floats:
-        """Unit normals (n_faces, 3) of the faces, out of their first cells."""
+        """Unit normals (n_faces, 3) of the faces, pointing out of the first cells."""
         return self._face_shapes.normals
 
     @property

@@ -1,8 +1,7 @@
 """Joining the meshes of several bodies: interfaces where their boundaries coincide.
 
-Nodes of different bodies within the tolerance move to the node of the first body. A node within the tolerance of an
-edge of another body becomes a vertex inside this edge; if the edge belongs to an earlier body, the node first moves
-onto the edge. In space, both bodies need the same nodes on curved boundaries, but not in planes: see :mod:`.overlay`.
+Nearby nodes of several bodies move to the node of the first body. A node near an edge of another body becomes a vertex
+of this edge. If the edge belongs to an earlier body, the node moves onto the edge. For polyhedra see :mod:`.overlay`.
 """
 
 from __future__ import annotations
@@ -73,8 +72,8 @@ def bodies(
     PolygonMesh or PolyhedralMesh
         Cells and nodes are in the order of the bodies; new nodes are last. ``mesh.interfaces`` maps names to
         `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on interfaces.
-        Cell data are zero on other bodies. The cell datum "body" numbers the bodies from 0. Each body has a cell datum
-        of its name, 1 on its cells and 0 elsewhere, for ``Elasticity(..., on="lower")``.
+        Cell data are zero on bodies without these data. The cell datum "body" numbers the bodies from 0. The cell datum
+        "lower" is 1 in the body "lower" and 0 elsewhere, for ``Elasticity(..., on="lower")``.
 
     Raises
     ------
@@ -94,7 +93,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the old number of each edge or face of its boundary."""
+    """Return the mesh of :func:`bodies`, and the old number of each boundary edge or face."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -132,7 +131,7 @@ def join(
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
-    """Return one mesh of all bodies, in which bodies share no nodes; nodes, faces and cells keep their order."""
+    """Return one mesh of all bodies, in which bodies share no nodes."""
     kind, arrays = type(meshes[0]), []
     for name in kind.ARRAYS:
         own = [getattr(mesh, name) for mesh in meshes]
@@ -147,7 +146,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Group nearby nodes of different bodies; return for each node the first node of its group."""
+    """Return for each node the first node of the group of nearby nodes."""
     nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -166,7 +165,7 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 def _match_in_plane(
     apart: PolygonMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolygonMesh, Ints, Ints, Ints]:
-    """Insert the nodes of each body into coinciding edges of other bodies; for the result see `overlay_tilings`."""
+    """Insert the nodes of each body into coinciding edges of other bodies."""
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
@@ -178,7 +177,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, the nodes (q,) to insert, in order along edges, and the numbers (q,) of these edges."""
+    """Return the moved points, the nodes (q,) to insert, and the edges (q,)."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -187,14 +186,14 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # a node enters only bodies that have no node at its place, and of each body the nearest edge
+    # insert a node into the nearest edge of each body that has no node there
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # a node moves to one edge only: the edge of the first body
+    off = off[np.unique(node[off], return_index=True)[1]]  # a node moves onto the edge of the first body
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     points[node[off]] = shapely.get_coordinates(meeting)[::2]
     points = points[place]
@@ -282,7 +281,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
         inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    # at a pocket, opposite faces of two bodies do not match, although all nodes of these faces coincide
+    # two bodies may have the same nodes, but different faces between these nodes
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))
@@ -293,12 +292,12 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
-    """Return the cell data of all bodies, with zeros where a body has none, body numbers, and a mask of each body."""
+    """Return the cell data of all bodies, with body numbers and masks of bodies."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
             if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
-                continue  # this set of a file names the body; its mask is added below
+                continue  # equal to the mask that is added below
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")

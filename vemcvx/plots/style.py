@@ -1,8 +1,7 @@
 """The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
 
-Colour-blind readers can tell the colours apart (after Okabe and Ito); areas also differ in grey print. If the user has
-named units, labels contain units; else they contain the names of quantities. Magnifications, colour scales and frames
-are the same at all steps, so that pictures of several steps can be compared, or be the frames of a film.
+Colour-blind readers can tell the colours apart (after Okabe and Ito). Areas also differ in grey print. Labels contain
+units if the user has named units, else quantities. Magnifications, colour scales and frames are the same at all steps.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, SECOND, THIRD = "#0072B2", "#D55E00", "#009E73"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
-MARKERS = "osD^vPX*"  # tell the curves of SERIES apart in grey print
+MARKERS = "osD^vPX*"  # Markers of the curves in SERIES, for grey print.
 TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"  # colour maps; SIZE is for fields without a sign
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
-"""Colours from compression to tension, which get darker: in grey print, a stress does not look like its opposite."""
+"""Colours from compression (light) to tension (dark)."""
 EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves get darker with time.
 
 Units = Mapping[str, str]
@@ -48,7 +47,7 @@ DERIVED = {
     "energy per area": "{force} {length}/{length}²",
 }
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""For plane bodies, per length of the boundary means per length and thickness, which is per area."""
+"""Quantity of plane bodies, per length of the boundary -> quantity per length and thickness."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -56,17 +55,17 @@ WORDS = {
     "energy/length": "energy per length",
     "energy/length²": "energy per area",
 }
-"""The quantity of each unit in tables."""
+"""Unit in tables -> quantity."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
 def units_of(history: Results, units: Units | None) -> Units:
-    """Return the names of units for a picture: `units`, or by default those of the history."""
+    """Return `units`, or by default the units of the history."""
     return check_units(history.units if units is None else units)
 
 
 def unit(units: Units | None, quantity: str) -> str:
-    """Return the given or derived unit of a quantity; without a unit, return the name of the quantity."""
+    """Return the unit of a quantity, or the quantity if it has no unit."""
     given = units or {}
     if quantity not in given and THICKNESS.get(quantity) in given:
         quantity = THICKNESS[quantity]
@@ -76,27 +75,27 @@ def unit(units: Units | None, quantity: str) -> str:
 
 
 def amount(value: float, quantity: str, units: Units) -> str:
-    """Return a number in words, with the unit of its quantity if there are units."""
+    """Return a number with its unit in words."""
     return f"{value:.3g} {unit(units, quantity) if units else ''}".rstrip()
 
 
 def in_units(product: str, units: Units | None) -> str:
-    """Return a unit of tables, such as "force/length²", with the given names of units; unchanged without names."""
+    """Return a unit of tables, such as "force/length²", with the given names of units."""
     return unit(units, WORDS.get(product, product)) if units else product
 
 
 def label(words: str, quantity: str, units: Units | None) -> str:
-    """Return `words`, which may end with a line break, followed by the unit of the quantity in brackets."""
+    """Return `words` followed by the unit of the quantity in brackets."""
     return f"{words}{'' if words.endswith(chr(10)) else ' '}({unit(units, quantity)})"
 
 
 def instant(t: float, units: Units | None) -> str:
-    """Return an instant in words, with its unit if it has a name."""
+    """Return an instant with its unit in words."""
     return f"t = {t:.4g} {(units or {}).get('time', '')}".rstrip()
 
 
 def check_units(units: Units | None, subject: str = "units") -> Units:
-    """Return the names of units, {} for None; raise HistoryError unless they map known quantities to words."""
+    """Return the names of units by quantity; raise HistoryError for unknown quantities."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
@@ -120,7 +119,7 @@ def label_axes(
 
 
 def window_of(raw: ArrayLike | None) -> Window | None:
-    """Return the visible intervals of both axes; None means the whole plane."""
+    """Return the visible intervals of both axes, or None for the whole plane."""
     if raw is None:
         return None
     wanted = "((low, high), (low, high)), the parts of both axes"
@@ -138,14 +137,14 @@ def within(points: Floats, window: Window | None) -> Bools:
 
 
 def is_idle(history: Results) -> Bools:
-    """Return a mask (S, m) of nodes that neither stick nor slip: contact is open, without friction up to rounding."""
+    """Return a mask (S, m) of open contact nodes without friction."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)
     return np.asarray(~contact.closed & (friction <= ROUNDING * friction.max(initial=0.0)))
 
 
 def round_down(wanted: float, largest: float) -> float:
-    """Return the greatest factor f with f * largest <= wanted among 1, 2 and 5 times the powers of ten."""
+    """Return the greatest f = 1, 2 or 5 times a power of ten with f * largest <= wanted."""
     if not largest > 0.0 or not np.isfinite(wanted / largest):
         return 1.0
     factor = wanted / largest
@@ -162,7 +161,7 @@ def positive(raw: object, found: str, wanted: str) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """Return the magnification of displacements at all stored steps: `magnify`, or a round number if it is None."""
+    """Return `magnify`, or by default a round magnification for all stored steps."""
     if magnify is not None:
         return positive(magnify, "magnify: found", "a positive number, or None for an automatic one")
     u, kept = history.displacement, slice(None) if nodes is None else nodes
@@ -173,12 +172,12 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
-    # On most edges, magnified displacements of the two ends differ by at most half the length: cells keep their shape.
+    # On 99 % of the edges, the ends move apart by at most half the length.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 
 
 def extent(history: Results, factor: float) -> Floats:
-    """Return the lowest and highest coordinates (2, dim) of the body, undeformed or at any stored step."""
+    """Return the lowest and highest coordinates (2, dim) of the body at all stored steps."""
     places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])

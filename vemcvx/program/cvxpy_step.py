@@ -1,9 +1,10 @@
-"""The program of a step in cvxpy, in the notation of :class:`vemcvx.program.StepProgram`, with slips s_i = B_i d - b_i.
+"""The program of a step in cvxpy, with the arrays of :class:`vemcvx.program.StepProgram`.
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |s_i| <= t_i,   D d - v <= e
 
-The unknowns are the increment d, bounds t_i of the slips, and excesses v_j of soft limits (v_j = 0 for other limits). C
-is the diagonal matrix of compliances. The multiplier p is the dual of D d - v <= e.
+The slips are s_i = B_i d - b_i. The unknowns are the increment d, bounds t_i on |s_i|, and excesses v_j of soft limits
+(v_j = 0 for other limits). C is the diagonal matrix of compliances. Limits have the multiplier p, the dual of
+D d - v <= e. Slips have the multiplier lam:
 
 - If slips are vectors, |s_i| <= t_i is a second-order cone with the dual (w_i, -lam_i).
 - If slips are numbers, |s| <= t is written as s <= t and -s <= t; lam is the dual of s <= t minus the dual of -s <= t.
@@ -66,14 +67,14 @@ class CvxpyStep:
 
 
 def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) -> CvxpyStep:
-    """Return a step in cvxpy; without the data (g, w, b, e), parameters stand for them. `stuck` terms do not slip."""
+    """Return a step in cvxpy, by default with parameters in place of `data` (g, w, b, e)."""
     import cvxpy as cp
 
     (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance
     parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(operators.sizes) if data is None)
     g, w, b, e = parameters if data is None else data
     d = cp.Variable(n)
-    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
+    # Testing the eigenvalues of K would take longer than the solve.
     energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
     sides: list[cp.Constraint] = []
     still: list[cp.Constraint] = []
@@ -104,6 +105,6 @@ def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) 
             lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
         return lam, p
 
-    # The constraint idle >= 0 is always active: SCS fails without constraints, and OSQP prints if none is active.
+    # SCS fails without constraints, and OSQP prints if no constraint is active.
     idle = 0.0 if block > 1 and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -1,8 +1,7 @@
 """The arc length s along contact in the plane.
 
-The path follows the boundary of the body that has the nodes `Contact.nodes`: counter-clockwise round outer boundaries,
-clockwise round holes. On each piece of contact, s is 0 at the first node; a closed curve begins at the contact node
-with the lowest number. A single node is a piece of zero length.
+The path has the nodes `Contact.nodes`. It runs counter-clockwise round outer boundaries, and clockwise round holes. On
+each piece of contact, s is 0 at the first node. A closed curve begins at the contact node with the lowest number.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""A side belongs to contact if the cosine between its normal and the normal at a contact node exceeds this."""
+"""Smallest cosine between the normals of a contact node and of a side of contact."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +25,13 @@ class ContactPath:
     """The nodes of plane contact in order along its pieces."""
 
     sides: Ints  # (e, 2) nodes of the sides of contact
-    rows: Ints  # (k,) the row of each node in the arrays of contact
+    rows: Ints  # (k,) rows of the nodes in arrays of contact
     pieces: Ints  # (k,) numbers of pieces, from 0
     s: Floats  # (k,) arc length, from 0 on each piece
 
 
 def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
-    """Return the path along contact, which is empty if there is no contact."""
+    """Return the path along contact."""
     points, normal = mesh.points, np.zeros_like(mesh.points)
     normal[contact.nodes] = contact.normals
     sides = mesh.boundaries["boundary"]
@@ -43,7 +42,7 @@ def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
     row = {node: i for i, node in enumerate(contact.nodes.tolist())}
     following = {a: b for a, b in sides.tolist() if a in row and b in row}
     preceded, found, piece = set(following.values()), dict[int, tuple[int, float]](), 0
-    # Open pieces begin at nodes without a predecessor; the remaining nodes are on closed curves.
+    # Open pieces come first, and begin at nodes without a predecessor.
     for start in [n for n in row if n not in preceded] + list(row):
         node, s = start, 0.0
         while node not in found:

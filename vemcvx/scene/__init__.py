@@ -1,4 +1,4 @@
-"""Scenes, which are sets of effects without a mesh, and posed scenes, which have a mesh."""
+"""Scenes (sets of effects), and scenes posed on a mesh."""
 
 from vemcvx.scene.pose import PosedScene, pose_scene, suppress_scene_warnings
 from vemcvx.scene.rows import ContactRows, jump_rows

@@ -1,16 +1,16 @@
 """March through time by backward Euler, (2.34) of the paper: one certified convex program per step.
 
-The unknown of a step is the increment d_n = y_n - y_{n-1}, under the force g_n = load_n - K y_{n-1}. To keep the digits
-of tiny increments, g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
+Step n determines the increment d_n = y_n - y_{n-1} of the unknowns y, under the force g_n = load_n - K y_{n-1}. To keep
+the digits of tiny increments, we compute g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
 
 Dashpots add a form b(u', v) to a(u, v). The form b has the matrix A_b in displacements u = P y + u_D, and C in unknowns
 y. In a step of length k, K + C/k replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 
-Errors are relative to `scale`, the largest energy norm of the states so far; or to `size`, if `scale` is rounding or at
-most `accuracy` times `size`. The `size` is the largest energy norm that data could cause: |K^{-1}f|_K for a load f.
+Errors are relative to `scale`, the largest energy norm of the states so far. If `scale` is tiny, they are relative to
+`size`, the largest energy norm that data could cause. For a load f, this is |K^{-1}f|_K.
 
-A march begins from a state u_0 that obeys condition (2.1): one step at times[0] from u_0 returns u_0. For a given u_0,
-|jump of this step| + (error of this step) bounds the distance to a state that obeys (2.1): the certificate of step 0.
+The initial state u_0 must obey condition (2.1): one step at times[0] from u_0 returns u_0. The certificate of step 0 is
+|jump of this step| + (error of this step). It bounds the distance from u_0 to a state that obeys (2.1).
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class PosedStep:
     program: StepProgram
 
     def solve(self, n: int) -> State:
-        """Return the certified state after step `n`; raise SceneError if nothing balances the load."""
+        """Return the certified state after step `n`."""
         when = f"step {n} at t = {self.data.t:.6g}"
         try:
             state = self._at_rest() or self._solve()
@@ -106,7 +106,7 @@ class PosedStep:
         return self.state_after(Answer(d, lam, 0, "nothing pushes", p=p), certificate)
 
     def _solve(self) -> State:
-        """Solve the step; if the state misses the accuracy, solve again with a smaller target."""
+        """Solve the step, and if necessary solve again with a smaller target."""
         size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
         state = self._certify(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
@@ -118,7 +118,7 @@ class PosedStep:
         return replace(best, iterations=state.iterations + other.iterations)
 
     def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
-        """Return the certified state after the answer of `solve`, made admissible."""
+        """Return the certified state of the answer of `solve`."""
         program, law = self.program, self.law
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
@@ -179,7 +179,7 @@ class PosedStep:
         return replace(after, ledger=ledger, scale=scale, size=size)
 
     def _sticking(self, slip: Floats, y: Floats, certificate: Certificate) -> Bools:
-        """Return True (m,) where the exact slip may be zero: |s_i| <= f_i^{1/2} (error), with flexibilities f_i."""
+        """Return a mask (m,) of the terms whose exact slip may be zero."""
         operators = self.program.operators
         if operators.count == 0:
             return np.zeros(0, dtype=bool)
@@ -192,14 +192,14 @@ class PosedStep:
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
-    """Pose the step from `before` to `now`; by default, weights `w` (m,) follow from the pressures of `before`."""
+    """Pose the step from `before` to `now`, by default with weights at the pressures of `before`."""
     norms, damping, k = run.system.norms, run.system.damping, now.t - before.t
     if w is None:
         m = run.operators.count
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
-    if run.system.kernel is not None:  # K y does no work on the kernel: g is the load there.
+    if run.system.kernel is not None:  # on the kernel, K y does no work, and g equals the load
         g = run.condensation.balance(g, now.force.phi)
     if damping is not None and damping.motion is not None and k > 0:
         g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
@@ -211,20 +211,17 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
-    """Return the largest energy norm that motions g_i of the ground under terms with flexibilities f_i can cause.
-
-    A body that follows the ground has max_i |g_i| / f_i^{1/2}; friction forces cause at most sum_i w_i f_i^{1/2}.
-    """
+    """Return the largest energy norm that motions of the ground can cause."""
     if ground is None:
         return 0.0
     root, motion = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
-    # Rows of zeros have the flexibility 0.
+    # A body that follows the ground has the norm far.max(). Rows of zeros have the flexibility 0.
     far = np.divide(motion, root, out=np.where(motion > 0, np.inf, 0.0), where=root > 0)
-    return float(min(far.max(initial=0.0), w @ root))
+    return float(min(far.max(initial=0.0), w @ root))  # friction causes at most w @ root
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
-    """Return the state after step `n` to the instant `t`; checked runs raise NotCertified if it misses the accuracy."""
+    """Return the state after step `n`, at the instant `t`."""
     state = pose_step(run, before, StepData.evaluate(run.condensation, t)).solve(n)
     if run.check:
         require_certified(run, state, n)
@@ -239,7 +236,7 @@ def prepare(
     linear: LinearSolver | None = None,
     shortest: float = np.inf,
 ) -> PreparedRun:
-    """Prepare a run with steps of at least the length `shortest`; raise SceneError for settings of wrong types."""
+    """Prepare a run with steps of at least the length `shortest`."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -364,11 +361,11 @@ def check_times(times: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The state y with K y = `force`, and y = `near` on the kernel of K; if `settle`, one step from y follows."""
+    """The state y with K y = `force`, and y = `near` on the kernel of K."""
 
     force: Floats
     near: Floats
-    settle: bool = True
+    settle: bool = True  # True: one step from y follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,12 +378,12 @@ class Continued:
 
 
 Beginning = ArrayLike | str | Balanced | Continued | None
-START_TOLERANCE = 1e-6  # A given state violates (2.1) if one step moves it by more than this part of the energy norm.
-WARNING_RATIO = 3.0  # We warn if one step moves P^h u_0 farther than this multiple of |P^h u_0 - nodal values of u_0|.
+START_TOLERANCE = 1e-6  # Largest jump of a given state in one step, relative to the energy norm.
+WARNING_RATIO = 3.0  # Largest jump of P^h u_0 without a warning, relative to |P^h u_0 - nodal values of u_0|.
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
-    """Return the state at the first instant; raise SceneError if `initial` is not understood or violates (2.1)."""
+    """Return the state at the first instant; raise SceneError for states that violate (2.1)."""
     now, K = StepData.evaluate(run.condensation, float(instants[0])), run.system.K
     y = _first_unknowns(run, now, initial)
     given = make_given_state(run, now, y, initial.past if isinstance(initial, Continued) else None)
@@ -411,7 +408,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
                 "friction at the first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
-            # Stresses of P^h u_0 may relax to rounding: keep the norm of P^h u_0 as a reference of errors.
+            # Stresses may relax to rounding: errors stay relative to the norm of P^h u_0.
             return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
     if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
@@ -450,7 +447,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
-    """Return the state after one step at the same instant, certified in full; with (2.1), this is `given`."""
+    """Return the state after one step at the same instant, certified in full."""
     posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
     settled = certify_in_full(run, posed.solve(0))
     if check:

@@ -1,4 +1,4 @@
-"""The trajectory that `march` returns (states, multipliers, energies, certificates), its recorder, and its storage.
+"""The trajectory that `march` returns, and its storage in memory or in a folder.
 
 A folder has one memory-mapped ``.npy`` file per array. ``checkpoint.npy`` contains the number of the last stored step,
 from which an interrupted run continues.
@@ -28,8 +28,7 @@ from vemcvx.stepping.state import Ledger, PreparedRun, State, StepData, certify_
 log = logging.getLogger("vemcvx")
 
 CHECKPOINT = "checkpoint.npy"
-BATCH_SIZE = 8
-"""Number of states that are certified together, on all unknowns, in a third of the time of single certificates."""
+BATCH_SIZE = 8  # Number of states that are certified together.
 
 
 class Memory:
@@ -50,7 +49,7 @@ class Memory:
 
 
 class Folder(Owned):
-    """Storage of the rows of a new or resumed run in files of a folder, open during a ``with`` block."""
+    """Storage of a new or resumed run in files of a folder, for a ``with`` block."""
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -62,20 +61,20 @@ class Folder(Owned):
         return self._resumes and (self.path / CHECKPOINT).exists()
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float, kept: bool = False) -> NDArray[Any]:
-        """Return an array in a file: if `kept`, the array of an earlier run, else zeros."""
+        """Return an array in a file, with the values of an earlier run if `kept`, else zeros."""
         if 0 in shape:
             return np.zeros(shape, dtype)
         file = self.take(f"{name}.npy")
         try:
             if kept:
-                # Open the file read-only first: opening a truncated file for writing would fill it with zeros.
+                # Opening a truncated file for writing would fill it with zeros.
                 old = np.lib.format.open_memmap(file, mode="r")
                 if old.shape != shape or old.dtype != np.dtype(dtype):
                     raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of {shape}")
                 return np.lib.format.open_memmap(file, mode="r+")
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
-            # Allocate the space now: a full disk raises an error here, but would crash the process later.
+            # A full disk raises an error here, but would crash the process later.
             if hasattr(os, "posix_fallocate"):
                 with open(file, "r+b") as opened:
                     os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
@@ -106,13 +105,13 @@ class Trajectory(ArrayRecord):
     weights : (S, m) array
         w of the norm terms. Dragged terms are last in all arrays (:class:`vemcvx.program.system.DraggedTerms`).
     sticking : (S, m) array of bool
-        True if the certificate cannot distinguish the slip of the step from zero; True for the initial state.
+        True if the slip of the step may be zero within the certified error. True for the initial state.
     worn, worn_second_order : (S, m) arrays
         Work of each norm term: the sum of lam_i . s_i over all steps so far, and the sum by the trapezoidal rule.
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     energy, norm : (N + 1,) arrays
-        Stored energy: 1/2 a(u, u) and the energy c p^2 / 2 of each soft limit. Energy norm: |u_n|_a.
+        Stored energy, 1/2 a(u_n, u_n) + (sum of c p^2 / 2 over soft limits), and energy norm, |u_n|_a.
     dissipated, dissipated_second_order : (N + 1,) arrays
         Energy dissipated by friction and damping so far, by backward Euler and by the trapezoidal rule.
     work : (N + 1,) array
@@ -122,10 +121,9 @@ class Trajectory(ArrayRecord):
     iterations : (N + 1,) array of int
         Iterations of the solver.
     given_friction : (N + 1,) array of bool
-        True if weights depend on pressures or may fall with slip: certificates then hold for weights at the answer.
+        True if the certificate holds for the weights at the answer, which depend on pressures or may fall with slip.
     unit : (N + 1,) array
-        Norm by which errors are divided: the largest energy norm so far or, while states are zero up to the requested
-        accuracy, a norm of the data.
+        Norm by which errors are divided: the largest energy norm so far, or a norm of the data while states are tiny.
     seconds : dict
         Time of "prepare" and "solve" (all steps).
     solver, linear : str
@@ -215,7 +213,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        With given weights, it bounds |u_n - u_n*|_a / `unit` if there are no limits. It is no bound if limits act.
+        For given weights without limits, it bounds |u_n - u_n*|_a / `unit` with the exact states u_n*.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 
@@ -226,7 +224,7 @@ class Trajectory(ArrayRecord):
 
 
 def relative(error: Floats, scale: Floats) -> Floats:
-    """Return error / scale; 0 for 0/0, and infinity for other quotients that are not defined."""
+    """Return error / scale, with 0 for 0/0, and infinity for quotients that are not defined."""
     known = (error >= 0) & (scale > 0) & (scale < np.inf)
     ratio = np.divide(error, scale, out=np.full(np.shape(error), np.inf), where=known)
     return np.where((error == 0) & (scale == 0), 0.0, ratio)
@@ -252,7 +250,7 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """The recorder of a trajectory; it stores the steps `kept` (S,) in rows of arrays."""
+    """The recorder of a trajectory, which stores the steps `kept`."""
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
@@ -268,7 +266,7 @@ class Recorder:
         }
 
     def begin(self) -> tuple[int, State] | None:
-        """Return the last stored step of an earlier run and its state, or None; raise HistoryError for another run."""
+        """Return the last stored step and state of an earlier run, or None."""
         folder = self._storage
         if not (isinstance(folder, Folder) and folder.resumes):
             return None
@@ -287,7 +285,7 @@ class Recorder:
         return n, state
 
     def add(self, n: int, state: State) -> None:
-        """Add the state after step `n`; the initial state, n = 0, begins a new run."""
+        """Add the state after step `n`."""
         if n == 0:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
@@ -298,7 +296,7 @@ class Recorder:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
-        """Write the waiting states, step by step; raise NotCertified at the first state that is not certified."""
+        """Write the waiting states; raise NotCertified at the first state that is not certified."""
         waiting, self._waiting = self._waiting, {}
         kept = {n: state for n, state in waiting.items() if (n == 0 or n in self._kept) and state.full is None}
         waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)
@@ -312,7 +310,7 @@ class Recorder:
                 self._checkpoint[0] = n
 
     def finish(self, seconds: dict[str, float], work_begun: float) -> Trajectory:
-        """Return the trajectory; `work_begun` is the work before the run."""
+        """Return the trajectory."""
         run = self._run
         return Trajectory(
             times=self._times,
@@ -354,7 +352,7 @@ def _row(state: State, accuracy: float) -> dict[str, Any]:
 
 
 def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) -> State:
-    """Return the state at `t` from its rows in the arrays of a trajectory."""
+    """Return the state at `t`, read from a row of each array of a trajectory."""
     now = StepData.evaluate(run.condensation, t)
     if "state" not in row:
         return make_given_state(run, now, np.array(row["initial"]))
@@ -379,7 +377,7 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
 
 
 def hash_run(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
-    """Return a hash, four integers, of the matrices, instants, stored steps, settings and some data of a run."""
+    """Return a hash of a run, four integers."""
     system, made = run.system, hashlib.blake2b(digest_size=32)
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
     parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]

@@ -2,8 +2,8 @@
 
 Each edge of a cell must belong to exactly two faces of the cell, which traverse the edge in opposite directions. If
 directions are wrong, we reverse the faces whose normals point to the middle of the cell, and check again. Neighbouring
-cells must share whole faces: no two boundary faces may lie on one another. Other intersections are found only if the
-volumes of all cells add up to more than the volume of the convex hull of the mesh.
+cells must share whole faces: no two boundary faces may lie on one another. Other overlaps are found only if the cells
+together have a larger volume than the convex hull of the mesh.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vemcvx.meshes.polyhedra import FaceLists, Faces, FaceShapes
 def check_polyhedral_mesh(
     points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
 ) -> plane.CheckedMesh:
-    """Return the checked points and faces of a `PolyhedralMesh`; only nodes at interfaces may coincide."""
+    """Return the checked points and faces of a `PolyhedralMesh`."""
     points = plane.check_points(points, 3)
     listed = cells if isinstance(cells, FaceLists) else _list_faces(cells)
     _check_lists(listed, len(points))
@@ -59,7 +59,7 @@ def _list_faces(cells: Any) -> FaceLists:
 
 
 def _check_lists(listed: FaceLists, n_nodes: int) -> None:
-    """Raise MeshError for a cell with less than four faces, or a face with less than three different nodes."""
+    """Raise MeshError for cells with too few faces, and faces with too few nodes."""
     counts = np.diff(listed.cell_offsets)
     if not len(counts):
         raise MeshError("a mesh needs at least one cell; got none.")
@@ -74,7 +74,7 @@ def _face(number: int, cell_offsets: Ints) -> str:
 
 
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
-    """Return a mask of the listed faces that must be reversed because their normals point inwards."""
+    """Return a mask of the listed faces with normals that point inwards."""
     owner = cell_of_corner(listed.cell_offsets)
     first, number = polygons.same_rows(listed.offsets, listed.vertices)
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
@@ -135,7 +135,7 @@ def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools
 
 
 def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
-    """Raise MeshError if a face with a number in `some` is not a plane simple polygon."""
+    """Raise MeshError if one of the faces `some` is not a plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
     shapes, face = FaceShapes(*(values[some] for values in shapes)), cell_of_corner(offsets)
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
@@ -158,7 +158,7 @@ def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShap
 
 
 def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceShapes) -> None:
-    """Raise MeshError if a cell has no volume, if cells overlap, or if two cells share only a part of a face."""
+    """Raise MeshError for flat or overlapping cells, and for partly shared faces."""
     from scipy.spatial import ConvexHull, QhullError
 
     offsets, nodes = polyhedra.nodes_of_cells(faces, len(points))
@@ -201,13 +201,10 @@ def find_touching_faces(
     shapes: FaceShapes,
     width: float,
     *,
-    body: Ints | None = None,
-    part: float = SINGLE_EPS,
+    body: Ints | None = None,  # numbers of bodies; two faces of one body are no pair
+    part: float = SINGLE_EPS,  # smallest common area, relative to the smaller face
 ) -> Ints:
-    """Return pairs (2, k) of faces that are at most `width` apart and overlap.
-
-    Faces overlap if their common area exceeds `part` times the smaller area. If `body` is given, bodies must differ.
-    """
+    """Return pairs (2, k) of faces that overlap and are at most `width` apart."""
     import shapely
 
     corners = points[vertices]
@@ -232,11 +229,11 @@ def find_touching_faces(
 
 
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
-"""The third axis of this frame is the direction of rays in `is_enclosed`; hardly any mesh is aligned with it."""
+"""Orthonormal axes with which hardly any mesh is aligned."""
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:
-    """Return a mask of the points (m, 3) inside a closed surface, by counting entries and exits of a ray."""
+    """Return a mask of the places (m, 3) inside a closed surface."""
     places, points = places @ RAY_FRAME, points @ RAY_FRAME
     first, after = np.repeat(vertices[offsets[:-1]], np.diff(offsets)), polygons.next_corner(offsets)
     corners = points[np.stack([first, vertices, vertices[after]], axis=1)]

@@ -126,7 +126,7 @@ def voronoi3(
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra (Kelvin's foam); the sides of the box cut some of these.
+    """Return a mesh of a box with truncated octahedra (Kelvin's foam), cut at the sides of the box.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def kelvin(
 
 
 def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralMesh:
-    """Return the mesh of these faces, with sorted nodes, moved from [0, sides] into a box."""
+    """Return the mesh of faces, with sorted nodes, moved from [0, sides] into a box."""
     points, number = _sort_by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
     points = move_into_box(points, sides, np.array(box.low), np.array(box.high))
@@ -160,7 +160,7 @@ def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralM
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)  # polygons as (offsets, vertices), or polyhedra
-MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> seeds closer to a side are mirrored in it; cells are about 1 wide
+MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> distance up to which sides mirror seeds; cells are about 1 wide
 
 
 def _relax(
@@ -169,7 +169,7 @@ def _relax(
     """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # mirror at most 50 seeds in all sides: with fewer images, all points might lie on one line
+        # few seeds are mirrored in all sides: else all points might lie on one line
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -192,7 +192,7 @@ def _measures_and_centroids(points: Floats, cells: tuple[Ints, Ints] | Faces) ->
 
 
 def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
-    """Sort points by layers and rows of height 1, for faster assembly; return the points and their new numbers."""
+    """Return points sorted by layers and rows of height 1, and the new numbers."""
     rows = np.lexsort((points[:, 0], *np.floor(points[:, 1:]).T))
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
@@ -200,7 +200,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return three arrays: the seeds and their images in near sides, the seed of each, and the side (seeds: -1)."""
+    """Return seeds with mirror images, and numbers of seeds and of sides (seeds: -1)."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -214,7 +214,7 @@ def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, In
 
 
 def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[Ints, Ints]]:
-    """Return vertices and Voronoi cells of the seeds; the vertices are circumcentres of Delaunay triangles."""
+    """Return the vertices and the Voronoi cells of the seeds."""
     from scipy.spatial import Delaunay, QhullError
 
     sites = _mirror(seeds, size, reach)[0]
@@ -233,7 +233,7 @@ def _polygons(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, tuple[
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Return the circumcentres p + (|b|^2 J c - |c|^2 J b) / (2 b x c) of triangles, with J (x, y) = (y, -x)."""
+    """Return the circumcentres of triangles."""
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
     shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])
@@ -243,7 +243,7 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse edges shorter than ``shortest``, as long as cells stay star-shaped about their old centroids."""
+    """Collapse edges shorter than `shortest` if cells stay star-shaped about their old centroids."""
     edges = corner_edges(offsets, vertices)
     ends, on = points[edges], (points == 0.0) | (points == size)
     bridge = on[edges].any(axis=2).all(axis=1) & ~(on[edges].all(axis=1) & (ends[:, 0] == ends[:, 1])).any(axis=1)
@@ -266,7 +266,7 @@ def collapse_short_edges(
 
 
 def _drop_repeats(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Drop vertices equal to the next one, rows with one or two vertices, and unused points; also return kept rows."""
+    """Drop repeated vertices, rows with fewer than three vertices, and unused points."""
     fresh = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
     left = counts > 2
@@ -281,7 +281,7 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     found, count = Voronoi(sites), len(seeds)
     points, corners = found.vertices, found.ridge_vertices
     first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
-    # keep faces between two seeds, or a seed and its own image; other faces are rounding errors at edges of the box
+    # other faces are rounding errors at edges of the box
     kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
     kept = kept[np.lexsort((second[kept], first[kept]))]
     offsets = offsets_of(np.array([len(corners[k]) for k in kept]))

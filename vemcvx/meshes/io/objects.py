@@ -28,11 +28,11 @@ from vemcvx.meshes.polygons import polygon_centroids
 
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
 KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
-HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])  # Vertices in scikit-fem, around the bottom, then around the top.
+HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])  # Vertices of scikit-fem around the bottom, then around the top.
 
 
 def from_skfem(mesh: Any) -> Grid:
-    """Return the grid of a mesh of scikit-fem; named facets become boundaries, and subdomains become cell data."""
+    """Return the grid of a mesh of scikit-fem."""
     element = mesh.elem.__name__
     points, cells = np.asarray(mesh.doflocs).T, np.array(mesh.t, dtype=np.int64).T
     if element == "ElementHex1":
@@ -51,7 +51,7 @@ def from_skfem(mesh: Any) -> Grid:
 
 
 def to_skfem(mesh: AnyTessellation) -> Any:
-    """Return a mesh of scikit-fem; interfaces, and cell data that are not 0 or 1, are left out."""
+    """Return a mesh of scikit-fem, without interfaces."""
     import skfem.io.meshio
 
     grid, n = grid_of(mesh, data=False), mesh.n_cells
@@ -71,14 +71,14 @@ def to_skfem(mesh: AnyTessellation) -> Any:
 
 
 def from_pyvista(data: Any) -> Grid:
-    """Return the grid of an UnstructuredGrid, PolyData or other data set, read from a temporary VTK file."""
+    """Return the grid of a data set of PyVista."""
     import pyvista
 
     if not data.n_cells:
         raise MeshError("it has no cells.")
     grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
     values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
-    grid.clear_data()  # a VTK file does not keep all names; `values` and `fields` do
+    grid.clear_data()  # a VTK file does not keep all names
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grid.vtu"
         grid.save(file)
@@ -86,7 +86,7 @@ def from_pyvista(data: Any) -> Grid:
 
 
 def to_pyvista(mesh: AnyTessellation) -> Any:
-    """Return an UnstructuredGrid; cells keep their order."""
+    """Return a mesh as an UnstructuredGrid of PyVista."""
     import pyvista
 
     with tempfile.TemporaryDirectory() as folder:

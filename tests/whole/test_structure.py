@@ -52,19 +52,21 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 2_170, "solvers": 1_423, "stepping": 1_805, "linear": 923, "scene": 1_972, "effects": 2_468}
-LINES |= {"exchange": 653, "testing": 1_011, "cli/collection": 1_096}
-LINES |= {"bound": 2_706, "results": 2_538, "estimate": 2_007, "plots": 1_750}
-LINES |= {"limit_analysis": 421}
-LINES |= {"sensitivity": 843, "cost": 651, "cli": 3_563}
-LINES |= {"meshes": 5_673, "meshes/io": 1_314, "vem": 2_627}
+LINES = {"program": 1_982, "solvers": 1_246, "stepping": 1_646, "linear": 887, "scene": 1_749, "effects": 2_124}
+LINES |= {"exchange": 646, "testing": 907, "cli/collection": 954}
+LINES |= {"bound": 2_614, "results": 2_429, "estimate": 1_752, "plots": 1_712}
+LINES |= {"limit_analysis": 408}
+LINES |= {"sensitivity": 825, "cost": 486, "cli": 2_924}
+LINES |= {"meshes": 5_623, "meshes/io": 1_308, "vem": 1_775}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
-TOP = 1_856
+TOP = 1_695
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
-TESTS = 20_850
+TESTS = 18_089
 """Largest number of lines of the tests of the folders in `LINES`."""
-ALL_TESTS = 31_493
-"""Largest number of lines of all tests; the aim is 28,000."""
+ALL_TESTS = 28_000
+"""Largest number of lines of all tests."""
+PACKAGE = 33_400
+"""Largest number of lines of the package."""
 
 LATE = {"vemcvx.meshes.mesh"}
 """Modules with methods that import later modules when they are called."""
@@ -180,6 +182,10 @@ def test_folders_keep_their_lines(folder):
     paths += [ROOT / "base" / "canvas.py"] if folder == "plots" else []
     lines, most = sum(len(path.read_text().splitlines()) for path in paths), (LINES | {"top": TOP})[folder]
     assert lines <= most, f"{folder} has {lines} lines, {most} are allowed: cut some, or raise the number"
+
+
+def test_the_package_keeps_its_lines():
+    assert sum(len(path.read_text().splitlines()) for path in modules().values()) <= PACKAGE
 
 
 def test_tests_keep_their_lines():

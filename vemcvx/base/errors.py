@@ -1,4 +1,4 @@
-"""Errors and warnings for users; each message says what was found, what exists and what to do next."""
+"""Errors and warnings for users."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ class MeshError(VemcvxError):
 
 
 class MeshWarning(UserWarning):
-    """The mesh was corrected: cells or faces were reversed; unused nodes, inner lines or inner faces were dropped."""
+    """The mesh was corrected: cells or faces were reversed, or unused parts were dropped."""
 
 
 class SceneError(VemcvxError):
-    """The scene, its data and the times do not make a well-posed problem."""
+    """The scene or its data do not define a well-posed problem."""
 
 
 class SceneWarning(UserWarning):
     """The scene has a solution that may not be the intended one."""
 
 
-WARNING_FRACTION = 0.05  # Larger principal strains, or relative jumps of an initial state, cause a warning.
+WARNING_FRACTION = 0.05  # Largest principal strain, or relative jump of an initial state, without a warning.
 
 
 class NotAccepted(VemcvxError):
@@ -73,9 +73,9 @@ class NotCertified(VemcvxError):
     Attributes
     ----------
     step, time : int, float
-        The number of the step, 1 for the first one, and its instant.
+        Number of the step (from 1), and instant.
     reached, asked, floor : float
-        Relative energy errors: the certified error of the answer, the requested error, and the part due to rounding.
+        Relative energy errors: certified, requested, and due to rounding.
 
     Examples
     --------

@@ -15,13 +15,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """A table of strings (in CSV, also numbers). A heading may have a unit, after a line break."""
+    """A table of strings (in CSV, also numbers). In a heading, a line break precedes the unit."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Any]]
 
     def text(self) -> str:
-        """Return plain text. Numbers are right-aligned; words in the last column wrap at the width of the terminal."""
+        """Return plain text, with the last column wrapped at the width of the terminal."""
         columns, gap = list(zip(*self.rows, strict=True)), " " if self.heads else "  "
         numbers = [bool(self.heads) and all(_kind(text) != "w" for text in cells) for cells in columns]
         tall = max((head.count("\n") for head in self.heads), default=0)
@@ -41,7 +41,7 @@ class Table:
         return "\n".join(lines)
 
     def csv(self) -> str:
-        """Return comma-separated values, with all digits of numbers."""
+        """Return comma-separated values with all digits."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.heads)
@@ -67,6 +67,6 @@ class Table:
 
 
 def _kind(text: str) -> str:
-    """Return the class of a cell: "" for numbers, "w" for words, "no" for the word no."""
+    """Return the HTML class of a cell."""
     number = text.lstrip("-")[:1].isdigit() or text in ("", "-", "yes")
     return "no" if text in ("no", "NO") else "" if number else "w"

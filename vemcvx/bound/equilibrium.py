@@ -1,16 +1,16 @@
-"""The stress of least energy in equilibrium with given forces, by a hybrid method whose unknowns are edge motions.
+"""Stresses of least energy in equilibrium with given forces, by a hybrid method (B. Fraeijs de Veubeke, 1965).
 
-Consider all stresses of the fans (:mod:`.stress`) that balance body forces, have the given tractions on free parts of
-the boundary, and have continuous tractions between cells. Let u_D be the displacement of held parts, sigma_0 the
-prestress, and C the elastic tensor. Among these stresses tau, the minimiser of
+Let u_D be the displacement of supports, sigma_0 the prestress, and C the elastic tensor. Among the stresses tau of
+:mod:`.stress` in equilibrium with all loads, we compute the minimiser of
 
-    (tau, C^-1 tau) / 2  -  int over held parts of  tau n . u_D  -  (tau, C^-1 sigma_0)
+    (tau, C^-1 tau) / 2  -  int over supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
 
-is determined by edge motions m, which are linear on every edge and may jump at vertices. A cell exerts the forces G m
-on its edges, and forces due to body forces and sigma_0. On each edge, the forces of both cells cancel. The sum of all G
-is a stiffness matrix, positive definite up to rigid motions (B. Fraeijs de Veubeke, 1965). Linear tractions do the same
-work on the edge motions L v as on the displacement v of the run. The unknown is x = m - L v, in which rounding errors
-are small.
+The unknowns are edge motions m, linear on every edge, with jumps at vertices. A cell with the stiffness matrix G
+exerts the forces G m on edges, and constant forces due to loads and sigma_0. On every edge, the forces of both cells
+cancel.
+
+Let v be the displacement of the run. Linear tractions do the same work on the edge motions L v as on v. We compute
+x = m - L v, which has smaller rounding errors than m.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import PolygonMesh
 
 HALF_DIGITS = float(np.sqrt(EPS))
-"""Largest accepted difference of forces of neighbouring cells, relative to the largest force."""
+"""Largest accepted difference between forces of neighbouring cells, relative to the largest force."""
 
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The E edges of a mesh; the first end of an edge has the smaller node number."""
+    """The E edges of a mesh; the first end has the smaller node number."""
 
     count: int
-    places: tuple[Ints, ...]  # for each chunk of cells, positions (c, 4 n) of its edge motions among all, (4 E,)
-    outer: Ints  # (b, 2, 2) positions of the motions of boundary edges
+    places: tuple[Ints, ...]  # positions (c, 4 n) of the edge motions, for each chunk of cells
+    outer: Ints  # (b, 2, 2) positions of motions of boundary edges
     nodes: Ints  # (E, 2) ends of the edges
 
     def outline(self, u: Floats) -> Floats:
-        """Return u (n_nodes, 2) at the vertices and at the middles of edges, as a vector (2 n_nodes + 2 E,)."""
+        """Return u at vertices, then u at the middles of edges."""
         return np.concatenate([u, 0.5 * (u[self.nodes[:, 0]] + u[self.nodes[:, 1]])]).ravel()
 
     @cached_property
     def motions(self) -> sp.csr_matrix:
-        """The matrix L (4 E, 2 n_nodes + 2 E) from an `outline` to edge motions (:func:`.displacement.to_edges`)."""
+        """The matrix L from an `outline` to edge motions (:func:`.displacement.to_edges`)."""
         vertices, edge = int(self.nodes.max()) + 1, np.arange(self.count)
         own, other, middle = self.nodes.ravel(), self.nodes[:, ::-1].ravel(), vertices + np.repeat(edge, 2)
         entries = np.repeat([2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0], len(own))
@@ -59,7 +59,7 @@ class Edges:
 
 
 def edges_of(mesh: PolygonMesh, skeleton: Skeleton, fans: Sequence[Fans]) -> Edges:
-    """Return the Edges of a mesh."""
+    """Return the edges of a mesh."""
     shared = mesh.shared_edges
     ends = np.argsort(skeleton.sides, axis=1)
     place = 4 * shared.number[:, None, None] + 2 * ends[:, :, None] + np.arange(2)
@@ -73,14 +73,14 @@ class Equilibrium:
 
     edges: Edges
     fans: tuple[Fans, ...]
-    stiffness: tuple[Floats, ...]  # the matrices G (k, 4 n, 4 n) of each chunk of cells
-    P: sp.csr_matrix  # (4 E, m) matrix from free motions to the motions of all edges
+    stiffness: tuple[Floats, ...]  # matrices G (k, 4 n, 4 n), for each chunk of cells
+    P: sp.csr_matrix  # (4 E, m) matrix from free motions to all edge motions
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Solve P' forces(x) = P' `given` for x = P y (4 E,), with tolerances relative to the `largest` force."""
+        """Solve P' G x = P' given for x = P y, to rounding errors of the largest force."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
-        # Correct x as long as this halves the residual: near nu = 1/2, each digit takes several corrections.
+        # Correct x while corrections halve the residual: near nu = 1/2, a digit takes several.
         while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             left = given - self.forces(x)
@@ -94,17 +94,17 @@ class Equilibrium:
         return x
 
     def forces(self, x: Floats) -> Floats:
-        """Return the forces G x (4 E,), summed over cells, for edge motions x (4 E,)."""
+        """Return the forces G x, summed over cells."""
         each = [one.apply(G, x[at]) for one, G, at in zip(self.fans, self.stiffness, self.edges.places, strict=True)]
         return gather(self.edges.places, each, len(x))
 
 
 def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, ...], boundary: Boundary) -> Equilibrium:
-    """Return the hybrid problem with the supports and bonds of the boundary."""
+    """Return the factorised hybrid problem."""
     P = _free_motions(edges, boundary)
     each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
     K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
-    # A small multiple of the diagonal anchors a floating body; the corrections in `solve` remove its influence.
+    # A small multiple of the diagonal anchors a floating body; `solve` removes the error.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
@@ -112,7 +112,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
 
 
 def assemble(places: Sequence[Ints], matrices: Sequence[Floats], size: int) -> sp.csr_matrix:
-    """Assemble cell matrices (c, m, m), given in chunks; `places` (c, m) are their rows and columns in the sum."""
+    """Assemble chunks of cell matrices with the rows and columns `places`."""
     rows, columns = (
         np.concatenate([np.broadcast_to(np.expand_dims(at, axis), (*at.shape, at.shape[1])).ravel() for at in places])
         for axis in (2, 1)
@@ -139,7 +139,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
 
 
 def axes_of(projectors: Floats) -> tuple[Ints, Floats]:
-    """Return the axes onto which projectors (b, 2, 2) project: the numbers of projectors (k,), and the axes (k, 2)."""
+    """Return numbers of projectors, and unit vectors onto which the projectors project."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
     return which, vectors[which, :, axis]

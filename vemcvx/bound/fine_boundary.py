@@ -1,7 +1,4 @@
-"""The mesh with boundary edges cut into pieces: at its new nodes, the effects of a scene are evaluated again.
-
-The deviation of a datum from a line is the value at a new node, minus the linear interpolation between the old nodes.
-"""
+"""A mesh with boundary edges cut into pieces, to compare data at new nodes with linear interpolation."""
 
 from __future__ import annotations
 
@@ -22,22 +19,22 @@ PIECES = 32
 
 @dataclass(frozen=True)
 class FineBoundary:
-    """A mesh with its boundary edges cut into pieces; the cells and their data do not change."""
+    """A mesh with its boundary edges cut into pieces."""
 
     mesh: PolygonMesh
     old: int  # number of the first new node
-    pieces: Ints  # (b PIECES, 2) the pieces, edge by edge
+    pieces: Ints  # (b PIECES, 2) end nodes of pieces
     owner: Ints  # (q,) the boundary edge of each new node
-    along: Floats  # (q,) position in (0, 1) from the first end of the edge to the second
+    along: Floats  # (q,) position on the edge, in (0, 1)
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Interpolate values (b, 2, ...) at both ends of boundary edges linearly to the new nodes `at`."""
+        """Interpolate values at ends of boundary edges linearly to the new nodes `at`."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         return np.asarray((1.0 - s) * start + s * stop)
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """Convert values (m, j) of an effect's rows to values (b, 2, j) at ends of boundary edges; nan without row."""
+        """Return the values of an effect at ends of boundary edges, or NaN."""
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
             tips = np.flatnonzero((rows.nodes[rows.ends.row] < self.old) & (rows.ends.beyond >= self.old))
@@ -46,20 +43,20 @@ class FineBoundary:
         return found
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return the new nodes (k,) with rows, the values (k, j) of these rows, and values interpolated along edges."""
+        """Return the new nodes of an effect, with values of the effect and interpolated values."""
         new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
         return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """Replace values by `line` where they differ from it by rounding errors only; return the values and `line`."""
+    """Replace values that equal `line` up to rounding; return values and `line`."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 
 
 def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
-    """Return the mesh with its boundary edges cut into pieces."""
+    """Return the mesh with boundary edges cut into pieces."""
     joints, ends, count = edges.joints, edges.outer_edges, len(edges.outer)
     new = mesh.n_nodes + np.arange(count * (PIECES - 1)).reshape(count, -1)
     across = np.full(new.shape, -1)

@@ -1,11 +1,10 @@
-"""The skeleton of a mesh: its edges with their cells, and the forces on boundary edges.
+"""The edges of a mesh with their cells, and the forces on boundary edges.
 
-At an interface, contact exerts the same normal force T on two opposite edges, along the outward normal of each body. If
-supports prescribe the normal jump of displacements, no multiplier of the run gives T. In body i, let s_i be the normal
-force of the stress on the edge, mu_i the shear modulus, d_i the width of the cell across the edge, and
-w_i = d_i / (2 mu_i). We use the T with the least weighted error:
+Contact exerts the same normal force T on two opposite edges of an interface. If supports prescribe the normal jump,
+the run has no multiplier that gives T. On the edge of body i, let s_i be the normal force of the computed stress, mu_i
+the shear modulus, d_i the width of the cell across the edge, and w_i = d_i / (2 mu_i). We take the minimiser T of
 
-    min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2.
+    w_1 |T - s_1|^2 + w_2 |T - s_2|^2.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ from vemcvx.vem.tensors import elastic_matrix
 class Joints:
     """The pairs of boundary edges (in space: faces) at interfaces."""
 
-    across: Ints  # (b, 2) opposite nodes of the ends of edges of first bodies; -1 for other edges; no rows in space
-    first: Ints  # (k,) boundary edges, or faces, of first bodies
-    second: Ints  # (k,) the edges, or faces, of second bodies opposite to `first`
+    across: Ints  # (b, 2) nodes opposite to edges of first bodies, else -1; empty in space
+    first: Ints  # (k,) edges or faces of first bodies
+    second: Ints  # (k,) opposite edges or faces of second bodies
     bonded: Bools  # (k,) True where supports prescribe the normal jump
 
     def reaction(self, force: Floats) -> Floats:
-        """Return the forces (b, dim) on second bodies, which are opposite to `force` (b, dim) on first bodies."""
+        """Return the reactions on second bodies to forces on first bodies."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back
 
     def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
-        """Return the forces T of bonded edges as vectors (b, dim); `traction` (b, dim) has the forces of stresses."""
+        """Return the forces T of bonded edges as vectors."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
         size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)
@@ -52,7 +51,7 @@ class Joints:
 
 
 def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
-    """Return the joints among boundary edges (b, 2) with outward normals (b, 2)."""
+    """Return the joints among boundary edges."""
     mesh, across = posed.space.mesh, np.full(edges.shape, -1)
     none = np.empty((0, 2), dtype=np.int64)
     found = list(mesh.interfaces.values())
@@ -74,12 +73,12 @@ class Skeleton:
     mesh: PolygonMesh
     sides: Ints  # (c, 2) edges of all cells, counter-clockwise
     owner: Ints  # (c,) cell of each edge
-    shear: Floats  # (n_cells,) half of `mean_shear`: the shear modulus of an isotropic material
+    shear: Floats  # (n_cells,) shear moduli
     outer: Ints  # (b,) cell of each boundary edge
-    outer_corners: Ints  # (b,) number of the corner, among the corners of all cells, where each boundary edge begins
+    outer_corners: Ints  # (b,) corner of a cell where the boundary edge begins
     outer_edges: Ints  # (b, 2) nodes of each boundary edge, counter-clockwise
     outer_normals: Floats  # (b, 2) outward normals of boundary edges, as long as the edges
-    free: Floats  # (b, 2, 2) projectors that remove the directions in which supports hold both ends of the edge
+    free: Floats  # (b, 2, 2) projectors onto directions in which no support holds the edge
     joints: Joints
 
     @cached_property
@@ -103,17 +102,16 @@ class Skeleton:
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """Return u at both ends of boundary edges, (b, 2, 2). At interfaces, subtract u of the second body."""
+        """Return u at ends of boundary edges, at interfaces minus u of the second body."""
         across = self.joints.across
         return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:
-    """Return the size h_K of each cell K, which for a box is its longest side.
+    """Return the sizes h_K of cells; the size of a box is the longest side.
 
-    h_K^2 is the largest eigenvalue of 12 / |K| int (x - c)(x - c)' dx over K, with the centroid c of K. Cells consist
-    of simplices: simplex j belongs to cell `owner[j]`, and has the corners c and c + a_i, where a_i are the rows of
-    `arms[j]`. Its integral is |T| (sum a_i a_i' + (sum a_i)(sum a_i)') / ((dim + 1)(dim + 2)), with its volume |T|.
+    h_K^2 is the largest eigenvalue of 12 / |K| int_K (x - c)(x - c)' dx, with the centroid c of the cell K. Simplex j
+    of cell `owner[j]` has the corners c and c + arms[j, i].
     """
     dim, count = arms.shape[2], int(owner.max()) + 1
     volumes = np.linalg.det(arms)
@@ -158,19 +156,19 @@ class Instant:
 
 
 def instant(history: History, row: int) -> Instant:
-    """Return the state in a row of the arrays of a history."""
+    """Return the state in a row of a history."""
     run = history.trajectory
     parts = run.multipliers[row], run.pressures[row], run.weights[row], run.worn[row]
     return Instant(float(history.times[row]), history.displacement[row], *parts)
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
-    """Return the pressure (b, 2) of obstacles at the two ends of each boundary edge, force per length."""
+    """Return the pressures of obstacles at ends of boundary edges."""
     return at_ends(edges, posed.obstacles, (now.p / posed.obstacles.lengths)[:, None])[..., 0]
 
 
 def body_forces(posed: PosedScene, t: float) -> Floats:
-    """Return the resultants (n_cells, dim) of the body forces in cells."""
+    """Return the resultants of body forces in cells."""
     total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:
@@ -179,8 +177,8 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
-    """Return values (m, k) of rows at the two ends of edges, (b, 2, k); zero on edges without rows."""
-    # At interfaces, an end that supports hold has no row; it gets the value at the other end of its edge.
+    """Return values of contact rows at ends of boundary edges, zero without rows."""
+    # At interfaces, a held end has no row: it gets the value at the other end.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

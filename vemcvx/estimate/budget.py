@@ -6,7 +6,7 @@ $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 - "space" is estimated by residuals in each cell (:mod:`.residual`).
 - "time" is the difference from a second run on the same mesh with finer steps (:mod:`.finer_steps`).
 
-All three are energy norms, divided by the largest energy norm of the run or, if it is zero, by the largest estimate.
+All three are energy norms, relative to the largest energy norm of the run.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.vem.elasticity import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError unless the energy of u (n_nodes, dim) by the stiffness is its energy by the material."""
+    """Raise SceneError unless u has equal energies by the stiffness and by the material."""
     posed.space.refuse_revolution("error estimates")
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
@@ -38,7 +38,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     material = posed.material
     parts = cell_energies(posed.space, material.moduli, material.choose_stabilisation(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
-    # A rotation has no energy, but its computed energy may be as large as `rounding`.
+    # Rounding gives a rotation an energy up to `rounding`.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(
@@ -60,10 +60,10 @@ class ErrorBudget(Outlined):
     algebra, space, time : (S,)
         The errors by source; `algebra` is certified, `space` and `time` are estimated.
     parts : mapping of str to (S,)
-        The parts of `space`, whose squares add up to space^2: "volume", "jumps", "boundary", "stabilisation", "data"
-        and, for bodies in space, "pressure".
+        Parts of `space`: "volume", "jumps", "boundary", "stabilisation", "data" and, for bodies in space, "pressure".
+        The sum of squared parts is space^2.
     cells : (n_cells,)
-        The estimated error of each cell (eta_K in :mod:`vemcvx.estimate.residual`), the largest over the steps.
+        The largest estimated error eta_K of each cell in all steps (:mod:`vemcvx.estimate.residual`).
     scale : float
         The largest energy norm of the run, including springs. All errors are divided by it.
 
@@ -147,7 +147,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
-    """Return the budget of a run at the given rows of the arrays of `history`."""
+    """Return the error budget at some rows of a history."""
     check_estimable(posed, "error_budget")
     require_same_form(posed, history.displacement[rows[-1]])
     run, residuals = history.trajectory, Residuals(posed)

@@ -1,7 +1,7 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
 A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with compliance c_j > 0
-is soft: it is replaced by the term (D_j d - e_j)_+^2 / (2 c_j). An NPZ archive holds these arrays::
+is soft: the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds these arrays::
 
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     D_data, ...     compressed rows of D
@@ -11,10 +11,9 @@ is soft: it is replaced by the term (D_j d - e_j)_+^2 / (2 c_j). An NPZ archive 
     d, lam, p       of a solved program: the answer d, the multipliers lam of norm terms and p of limits
     step, t         of a solved program: number and instant of the step
 
-A sequence is an archive of the programs of successive steps with the same K, B, D, c and N. The first axis of all other
-arrays numbers the steps.
+A sequence is an archive of successive steps with the same K, B, D, c and N. All other arrays have one row per step.
 
-Matrix Market has one file per array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
+Matrix Market has one file per array: K in NAME.mtx, B in NAME_B.mtx, and so on.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ def arrays_of(program: StepProgram) -> dict[str, Matrix]:
 
 
 def program_from_arrays(parts: Mapping[str, Any]) -> StepProgram:
-    """Return the program of these arrays; missing norm terms, limits or kernel are empty."""
+    """Return the program of named arrays."""
     if missing := {"K", "g"} - set(parts):
         raise ProgramError(f"found no {min(missing)}; a program has the arrays {', '.join(NAMES)}, at least K and g.")
     g, w, b, e, c = (_vector(parts.get(name, np.zeros(0)), name) for name in "gwbec")
@@ -70,20 +69,20 @@ def _vector(raw: Any, name: str) -> Floats:
 
 
 def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
-    """Return K and a basis N of its kernel, with `count` columns. K becomes dense if it is more than half full."""
+    """Return K, and a basis N of the kernel of K with `count` columns."""
     stiffness: Matrix = K.toarray() if K.nnz > 0.5 * K.shape[0] ** 2 else sp.csr_matrix(K)
     return {"K": stiffness, "N": np.linalg.eigh(K.toarray())[1][:, :count]} if count else {"K": stiffness}
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
-    """Return {".npz": contents of the archive}."""
+    """Return the contents of an archive by suffix."""
     made = io.BytesIO()
     np.savez(made, **_arrays(program))
     return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return {".npz": contents of an archive} for successive programs with the same operators."""
+    """Return the contents of an archive of successive programs by suffix."""
     each, made = [_arrays(program) for program in programs], io.BytesIO()
     np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
@@ -100,12 +99,12 @@ def _arrays(program: StepProgram) -> dict[str, Any]:
 
 
 def from_npz(path: Path) -> StepProgram:
-    """Return the first program of an archive, as a `SolvedProgram` if the archive has its answer."""
+    """Return the first program of an archive."""
     return sequence_from_npz(path)[0]
 
 
 def sequence_from_npz(path: Path) -> list[StepProgram]:
-    """Return a list of the programs of an archive: all programs of a sequence, or one program."""
+    """Return all programs of an archive."""
     kept = read_arrays(path)
     steps = [kept]
     if kept.get("g", np.zeros(0)).ndim == 2:
@@ -118,7 +117,7 @@ def sequence_from_npz(path: Path) -> list[StepProgram]:
 
 
 def _read_compressed(kept: Mapping[str, Any], name: str) -> sp.csr_matrix:
-    """Return a matrix from compressed rows; refuse wrong indices, with which SciPy would read outside its arrays."""
+    """Return a matrix from compressed rows, after checks of indices."""
     data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
     return as_sparse_matrix(sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist())), name)
 
@@ -144,20 +143,20 @@ def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
 
 
 def from_matrix_market(path: Path) -> StepProgram:
-    """Return the program whose K is in this file and whose other arrays are in files next to it."""
+    """Read a program from the file of K and the files beside it."""
     places = {name: path if name == "K" else path.with_name(f"{path.stem}_{name}.mtx") for name in NAMES}
     return program_from_arrays({name: read_matrix(place, name) for name, place in places.items() if place.exists()})
 
 
 def read_matrix(path: Path, name: str) -> Matrix:
-    """Return the matrix of a file: dense if stored as an array, sparse if stored as a list of entries."""
+    """Return the matrix of a file, dense or sparse as stored."""
     data = path.read_bytes()
-    # SciPy's reader (1.17) crashes if a file ends or has a zero byte within a number, or if an array is empty.
+    # SciPy's reader (1.17) crashes on truncated numbers, zero bytes and empty arrays.
     if not data.endswith(b"\n") or b"\0" in data:
         raise ProgramError(f"{name}: the file is cut short or is no text; its last line must be complete.")
     try:
         rows, columns, entries, _, field, symmetry = mminfo(io.BytesIO(data))
-        # A wrong size in the header must not allocate far more memory than the file takes.
+        # A wrong size in the header must not exhaust memory.
         large = max(rows, columns, entries) > max(2**20, len(data))
         if field == "complex" or large or (symmetry != "general" and rows != columns):
             raise ValueError(f"found {rows} rows, {columns} columns and {entries} {field} entries, {symmetry}")

@@ -1,7 +1,7 @@
-"""Pictures of contact along a line, for plane bodies: friction, stick, slip, pressure and wear.
+"""Pictures of contact along a line, for plane bodies.
 
-The position on the line is x_1 or x_2 if all contact nodes lie along this axis, else the arc length of
-:mod:`vemcvx.results.arc`; pieces of contact follow each other. A node owns half of each contact edge at the node.
+If all contact nodes lie along an axis, the position on the line is x_1 or x_2. Otherwise the position is the arc
+length of :mod:`vemcvx.results.arc`. A node owns half of each adjacent contact edge.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ ARC = "$s$"
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact nodes of a plane body in the order of a line."""
+    """Contact nodes of a plane body along a line."""
 
     order: Ints  # (m,) rows of the contact arrays
     position: Floats  # (m,) positions on the line
-    limits: Floats  # (m, 2) the interval of the line that each node owns
+    limits: Floats  # (m, 2) interval that the node owns
     tangents: Floats  # (m, 2) unit vectors towards larger positions
     symbol: str  # the symbol of the position
 
@@ -43,7 +43,7 @@ class ContactLine:
         return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:
-        """Return the components along the line of `vectors` (..., m, 2) at contact nodes, in the order of the line."""
+        """Return the components of vectors along the line."""
         return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
     @property
@@ -52,11 +52,11 @@ class ContactLine:
         return 1 + np.flatnonzero(self.limits[1:, 0] - self.limits[:-1, 1] > SAME * np.abs(self.limits).max())
 
     def interrupt(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return positions and values (m,), with NaN inserted where the line is interrupted."""
+        """Return positions and values, with NaN where the line is interrupted."""
         return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
 
     def spans(self, chosen: Bools) -> Floats:
-        """Return the intervals (k, 2) of the line that the nodes `chosen` (m,) own; adjacent intervals are joined."""
+        """Return the intervals of chosen nodes, joined where adjacent."""
         starts = chosen & ~np.append(False, chosen[:-1])
         starts[self.gaps] |= chosen[self.gaps]
         ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
@@ -65,7 +65,7 @@ class ContactLine:
     def finish(
         self, ax: Axes, y: str, title: str, units: Units, ends: tuple[float, float], size: str = "medium"
     ) -> Figure:
-        """Set labels, title, legend and window of the axes, and return the figure."""
+        """Set labels, title and legend of the axes, and return the figure."""
         whole = (self.limits.min(), self.limits.max())
         label_axes(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
         canvas.legend_below(ax)
@@ -73,7 +73,7 @@ class ContactLine:
 
 
 def contact_line(history: Results, picture: str) -> ContactLine:
-    """Return the contact nodes of a plane history along a line; raise HistoryError if there are none."""
+    """Return the contact nodes along a line, or raise HistoryError."""
     mesh = plane_mesh(history.mesh, picture, "contact_face draws contact in space")
     contact = require_contact(history, picture)
     path = contact_path(mesh, contact)
@@ -99,7 +99,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
 
 
 def require_contact(history: Results, picture: str) -> Contact:
-    """Return the contact of a history; raise HistoryError if there are no contact nodes."""
+    """Return the contact of a history, or raise HistoryError."""
     if len(history.contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     return history.contact
@@ -108,7 +108,7 @@ def require_contact(history: Results, picture: str) -> Contact:
 def friction_traction(
     history: Results, step: int | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the friction traction on the body at a stored step, with its bounds +-g, at which nodes slip.
+    """Draw the friction traction on the body at a stored step, with the bounds +-g.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ STATES = (
 
 
 def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
-    """Draw stick, and slip with its direction, for every contact node and stored step.
+    """Draw stick and slip of every contact node in every stored step.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     Returns
     -------
     matplotlib Figure
-        The band of a step begins at the previous stored instant, and shows the state at the end of the step.
+        A band between two stored instants shows the state at the later instant.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
     colours = canvas.distinct([colour for _, colour, _ in STATES])
-    # No node owns the gaps between columns: they stay blank.
+    # Gaps between columns stay blank.
     drawn = np.insert(states, range(1, states.shape[1]), np.nan, axis=1)
     ax.pcolormesh(line.limits.ravel(), edges, drawn, cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:
@@ -219,7 +219,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
 
 
 def list_steps(history: Results, picture: str) -> Ints:
-    """Return the stored steps after the initial instant; raise HistoryError if there are none."""
+    """Return the stored steps after the initial instant, or raise HistoryError."""
     steps = history.stored[history.stored > 0]
     if len(steps) == 0:
         raise HistoryError(f"{picture}: this history has no step after the initial instant.")
@@ -227,7 +227,7 @@ def list_steps(history: Results, picture: str) -> Ints:
 
 
 def directions(history: Results, line: ContactLine) -> Floats:
-    """Return 0 for stick, 1 or -1 for slip towards larger or smaller positions, NaN if open; one row per step > 0."""
+    """Return 0 for stick, 1 or -1 for the direction of slip, NaN for open nodes."""
     contact = history.contact
     against = line.along(contact.traction)
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
@@ -237,14 +237,14 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 
 def pressures(history: Results) -> Floats:
-    """Return the contact pressure (S, m), set to zero if it is a rounding error relative to the stresses."""
+    """Return the contact pressure, or zero if all pressures are rounding errors."""
     found, keys = history.contact.pressure_recovered, ("largest_principal_stress", "smallest_principal_stress")
     stress = max((abs(one.value) for one in history.extremes if one.key in keys), default=0.0)
     return found if np.abs(found).max(initial=0.0) > 1e-10 * stress else np.zeros_like(found)
 
 
 def slips(history: Results) -> Floats:
-    """Return the slip (S, m, dim), set to zero if it is a rounding error relative to the displacements."""
+    """Return the slip, or zero if all slips are rounding errors."""
     slip, largest = history.contact.slip, float(np.abs(history.displacement).max(initial=0.0))
     return slip if np.abs(slip).max(initial=0.0) > 1e-10 * largest else np.zeros_like(slip)
 
@@ -255,7 +255,7 @@ PROFILES: dict[str, tuple[str, str, str, Along]] = {
     "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(slips(h))),
     "wear": ("energy per length", "friction work", "Wear, as friction work", lambda h, on: h.contact.wear[:, on.order]),
 }
-"""Curves along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""
+"""Quantity, label, title and values of curves along contact."""
 
 
 def along_contact(
@@ -272,7 +272,7 @@ def along_contact(
     ----------
     history, ax, units : as for `friction_traction`
     show : {"pressure", "slip", "wear"}
-        The pressure or the slip at the instants of the steps, or the friction work per length up to these instants.
+        The pressure, the slip, or the friction work per length since the beginning.
     steps : int or sequence of int, optional
         Stored steps, at most four; by default ``history.telling(4)``: the peak, reversals, and the last step.
 

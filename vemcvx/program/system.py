@@ -4,8 +4,8 @@ It is problem 2.1 of the paper for unknowns y(t), with the forms
 
     a(u, v) = v'Ku,     <l(t), v> = v'load(t),     j(v) = sum_i w_i |B_i v|.
 
-`Norms` are the terms w_i |B_i v|, with laws for the weights w_i. `Limits` are bounds D_j y <= e_j, or soft limits. The
-forces lam of norm terms and p >= 0 of limits balance the load: K y + B'lam + D'p = load.
+`Norms` are the terms w_i |B_i v|, and `Limits` are hard or soft bounds D_j y <= e_j. Let lam be the forces of norm
+terms, and p >= 0 the forces of limits. Forces balance the load: K y + B'lam + D'p = load.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""A support's slip in a step counts as zero if it is at most this times the size of the support's positions."""
+"""Slip of a support that counts as zero, relative to the size of positions."""
 CONSTANT = Law(lambda t, p, past, slip: 0.0, softening=np.zeros(1), slips=False)
 
 
 class Rows(ArrayRecord):
-    """The base class of norm terms and of limits; messages use `places`, or `kind` and a number."""
+    """The base class of norm terms and of limits."""
 
     kind: ClassVar[str]
     places: Callable[[int], str] | None
@@ -59,14 +59,14 @@ class Rows(ArrayRecord):
         raise NotImplementedError
 
     def name(self, i: int) -> str:
-        """Return the place of norm term or limit `i`, in words."""
+        """Return the place of term or limit `i` in words."""
         if self.places is None:
             return f"{self.kind} {i}"
         asked = "take the number of a term and return its place in words"
         return str(call_function(self.places, (i,), f"{type(self).__name__}: places failed", asked))
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
-        """Return one number per term or limit, after checks of signs and of infinite values."""
+        """Return one checked number per term or limit."""
         wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
@@ -84,16 +84,15 @@ class Norms(Rows):
     ----------
     B : (m * block, n) array or sparse matrix
     w : (m,) array, or callable t -> (m,)
-        Weights >= 0. An infinite weight makes term i the constraint B_i v = 0: it always sticks.
+        Weights >= 0. An infinite weight is the constraint B_i v = 0.
     block : int
-        Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
+        Rows of B_i: 1 in the plane, 2 in space.
     places : callable i -> str, optional
         The place of term i in words, for messages.
     law : Law, optional
-        Weights that depend on the answer of a step (:mod:`vemcvx.base.weight_law`), and replace `w`.
+        Weights that depend on the answer of a step, in place of `w` (:mod:`vemcvx.base.weight_law`).
     ground : callable t -> (m * block,), optional
-        The displacement g of the ground. Terms are w_i |B_i (y - y_prev) - (g_i - g_i,prev)|: slips are relative to
-        the ground. The motion of the ground does work.
+        The displacement g of the ground. The slip of term i in a step is B_i (y - y_prev) - (g_i - g_i,prev).
 
     Examples
     --------
@@ -129,17 +128,17 @@ class Norms(Rows):
 
     @property
     def rule(self) -> Law:
-        """The law; if None, a law that depends on nothing."""
+        """The law, by default with constant weights."""
         return self.law or CONSTANT
 
     @property
     def is_monotone(self) -> bool:
-        """True if weights do not depend on forces of limits, and do not fall as the slip of the step grows."""
+        """True if weights do not depend on forces of limits, and do not fall with slip."""
         return not (self.rule.pressed or self.softening is None or self.softening.any())
 
     @property
     def softening(self) -> Floats | None:
-        """The largest decrease (m,) of weights per unit of slip or of slip rate; None if unknown."""
+        """The largest decrease (m,) of weights per slip or slip rate; None if unknown."""
         known: Any = self.rule.softening
         return known
 
@@ -149,7 +148,7 @@ class Norms(Rows):
         return w if isinstance(w, np.ndarray) else self.read_numbers(at_instant(w, t, "Norms: w"), "w", "weight")
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
-        """Return the weights (m,); the arguments are those of `Law.weights`."""
+        """Return the weights (m,) for the arguments of `Law.weights`."""
         if self.law is None:
             return self.weights(t)
         slips = (np.zeros(self.count) if x is None else x for x in (past, slip))
@@ -184,7 +183,7 @@ class Limits(Rows):
     places : callable j -> str, optional
         The place of limit j in words, for messages.
     rates : (r,) array of bool, optional
-        True for limits on velocities. Then z_j is the change of D_j y - e_j in a step, divided by its duration.
+        True for limits on velocities. Then z_j is the change of D_j y - e_j in a step, divided by the step size.
 
     Examples
     --------
@@ -216,7 +215,7 @@ class Limits(Rows):
 
     @property
     def rigid(self) -> Bools:
-        """A mask (r,) of the limits that are bounds on positions."""
+        """A mask (r,) of hard bounds on positions."""
         return (self.compliance == 0.0) & ~self.rates
 
     def remaining_gap(self, t: float) -> Floats:
@@ -238,18 +237,18 @@ class DraggedTerms:
 
 @dataclass(frozen=True)
 class Motion:
-    """The contributions of moving supports: the displacements of nodes are u = P y + u_D(t) with a given u_D.
+    """The contributions of moving supports. Nodes have displacements u = P y + u_D(t) with a given u_D.
 
-    Let a(u, v) = u'A v. Then a(u, u) = y'Ky + 2 y'dirichlet_force + stored. If supports move a body far and strain it
-    little, these terms cancel; `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    Let a(u, v) = u'A v. Then a(u, u) = y'Ky + 2 y'dirichlet_force + stored. These terms nearly cancel if supports move
+    a body far. `pair` computes a(u, v) from two fields of `frame` without cancellation.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D
-    prescribed_slip: Callable[[float], Floats]  # t -> (m * block,): the part of u_D in the argument of the norms
+    prescribed_slip: Callable[[float], Floats]  # t -> (m * block,): slip due to u_D
     stored: Callable[[float, float], float]  # (s, t) -> u_D(s)'A u_D(t)
     frame: Callable[[float, Floats], Floats]  # (t, y) -> (n_u,): u minus a motion without strain
     pair: Callable[[Floats, Floats], float]  # (u, v) -> a(u, v) of two fields of `frame`
-    remaining_gap: Callable[[float], Floats] | None = None  # t -> (r,): the part of the limits e that u_D uses up
+    remaining_gap: Callable[[float], Floats] | None = None  # t -> (r,): decrease of gaps due to u_D
 
 
 @dataclass(frozen=True, repr=False)
@@ -261,7 +260,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         The matrix of b, symmetric, positive semidefinite.
     motion : Motion, optional
-        The contributions of moving supports to b, in place of a; their slips and gaps are ignored.
+        The contributions of moving supports to b; slips and gaps are ignored.
 
     Examples
     --------
@@ -301,12 +300,12 @@ class System(ArrayRecord):
     motion : Motion, optional
         Energy, slip and gaps of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
-        An order of elimination with little fill, for linear solvers that compute none. By default K determines it.
+        An order of elimination with little fill, for linear solvers that compute none.
     near_kernel : (n, k) array, optional
         Motions of little energy, such as rigid motions, for iterative linear solvers.
     kernel : Kernel, optional
-        The motions without energy. Norm terms or limits must resist each motion. Certificates then bound errors in
-        the seminorm of K only.
+        The motions without energy. Norm terms or limits must resist each motion. Certificates then bound errors
+        only in the seminorm of K.
     limits : Limits, optional
         Bounds on y, hard or soft: contact.
     damping : Damping, optional
@@ -398,7 +397,7 @@ class System(ArrayRecord):
 
     @property
     def block(self) -> int:
-        """The number of components of a slip; 1 in a system without norm terms and dragged terms."""
+        """The number of components of a slip."""
         terms = self.norms or self.dragged
         return 1 if terms is None else terms.block
 
@@ -415,7 +414,7 @@ class System(ArrayRecord):
 
     @property
     def dashpots(self) -> Floats:
-        """The velocity per force (r,) of compliant limits on velocities; zero for other limits."""
+        """The compliances (r,) of limits on velocities; zero for limits on positions."""
         limits = self.limits
         return np.zeros(0) if limits is None else np.where(limits.rates, limits.compliance, 0.0)
 
@@ -426,11 +425,11 @@ class System(ArrayRecord):
 
     @property
     def retained(self) -> Ints:
-        """The unknowns (m,) on which norm terms or limits act; condensation eliminates all others."""
+        """The unknowns on which norm terms or limits act."""
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def remaining_gap(self, t: float) -> Floats:
-        """Return the gaps (r,) at the instant `t` that moving supports leave to y."""
+        """Return the limits e (r,) at the instant `t`, minus the motion of supports."""
         if self.limits is None:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
@@ -450,7 +449,7 @@ class System(ArrayRecord):
         return finite(as_shaped_array(raw, subject, f"({rows},) displacements, one per row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """Return the given linear solver, or choose one; raise SceneError if `factorise` takes other arguments."""
+        """Return the given linear solver, or choose one."""
         if asked is not None:
             try:
                 signature(asked.factorise).bind(self.K, None)
@@ -461,7 +460,7 @@ class System(ArrayRecord):
         return choose_linear(self.n, asked, modes=modes)
 
     def elimination_order(self) -> Ints | None:
-        """Return the order of elimination (n,); None if none is given."""
+        """Return the order of elimination (n,), or None."""
         raw = self.order
         if callable(raw):
             raw = call_function(raw, (), "System: order: its function failed", "return a permutation")

@@ -1,17 +1,17 @@
-"""A history as a folder of files, and its archive, which holds every array without loss.
+"""A history as a folder of files.
 
 - ``history.pvd``: the list of stored steps with their instants, for ParaView and PyVista
 - ``step_0000.vtu``: one file per stored step
 - ``summary.json``: the run, the accuracy of the answer, energies, and the cost
 - ``steps.csv``: energies and certificates of every step, stored or not
 - ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; for plane bodies also the
-  number of the connected piece of contact, and the arc length s along this piece (:mod:`vemcvx.results.arc`)
-- ``history.npz``: the arrays of the history and of its mesh, lossless, and other data as JSON in the array `about`;
-  :func:`vemcvx.read_history` needs no other file
+  piece of contact and the arc length (:mod:`vemcvx.results.arc`)
+- ``history.npz``: the arrays of the history and its mesh without loss, and other data as JSON in the array `about`;
+  :func:`vemcvx.read_history` reads only this file
 
-A VTU file has displacements and all contact arrays that change in time at nodes, and the fields of `History.on_cells`
-on cells. At nodes without contact, `sticking` and `closed` are NaN, and all other contact arrays are zero. At an
-interface, slip and traction of the second body have the opposite sign. If writing fails, an older history remains.
+In a VTU file, nodes have displacements and contact arrays, and cells have the fields of `History.on_cells`. At nodes
+without contact, `sticking` and `closed` are NaN, and all other contact arrays are zero. On second bodies of interfaces,
+slips and tractions have the opposite sign. If writing fails, an older history remains.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ FORMAT = f"{NAME} 7"
 ARRAYS = {prefix + name: of for prefix, record in RECORDS.items() for name, of in array_fields(record).items()}
 PLAIN = "effects", "inactive", "errors", "bound", "bounded_force", "seconds", "growth", "units"
 """Attributes of a history that are not arrays and go into JSON unchanged."""
-WEIGHTS = "stabilisation.tau"  # name of the array tau, where S_K = tau h_K^(dim - 2) I is the stabilisation
+WEIGHTS = "stabilisation.tau"  # name of the array of stabilisation weights
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 STEP = re.compile(r"step_[0-9]+\.vtu")
 
@@ -80,10 +80,10 @@ def write_archive(history: Results, path: Path) -> None:
 
 
 def read_archive(path: Path) -> Results:
-    """Read an archive of :func:`write_archive`; raise HistoryError if it is damaged, foreign, or of another format."""
+    """Read an archive of :func:`write_archive`, or raise HistoryError."""
     try:
         arrays = read_arrays(path)
-    except Exception as error:  # Damage may raise any error in numpy, zipfile or the parser of headers.
+    except Exception as error:  # Damage may raise any error.
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:
         return _history(arrays)
@@ -109,7 +109,7 @@ def _history(arrays: Arrays) -> Results:
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
-    """Raise ValueError unless the shapes of the arrays agree; `sizes` has the sizes known from the mesh."""
+    """Raise ValueError unless the shapes of all arrays agree."""
     for name, (names, kind, *_) in ARRAYS.items():
         if name not in arrays:
             continue
@@ -139,7 +139,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
     matched = {}
     for name, (one, other) in bodies.items():
         sides = named.pop(name)
-        if solid:  # the numbers of faces
+        if solid:
             sides = pad_rows(*rows_in_order(arrays["mesh.face_offsets"], arrays["mesh.face_vertices"], sides))
         matched[name] = Interface((one, other), sides, arrays[f"partners.{name}"])
     if solid:
@@ -161,7 +161,7 @@ class Origin:
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """Return the summary of a history for JSON; writing the files took `writing` seconds."""
+    """Return the summary of a history for JSON."""
     mesh, run, touch, bound = history.mesh, history.trajectory, history.contact, history.bound or {}
     row = history.row(None)
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
@@ -213,12 +213,12 @@ def _largest(history: Results, forces: Floats) -> dict[str, Any]:
 
 
 def finite_or_none(value: float | None) -> float | None:
-    """Return a number if it is finite, else None, because JSON has neither infinity nor NaN."""
+    """Return a finite number, else None, because JSON has no infinity."""
     return float(value) if value is not None and np.isfinite(value) else None
 
 
 def peak_memory_mb() -> float | None:
-    """Return the peak memory of this process in MB, or None if the system does not provide it (not Linux)."""
+    """Return the peak memory of this process in MB, None except on Linux."""
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
             return int(found.group(1)) / 1024
@@ -226,7 +226,7 @@ def peak_memory_mb() -> float | None:
 
 
 def write_results(history: Results, folder: str | Path, origin: Origin | None = None) -> Path:
-    """Write a history to a folder in place of an older history; create the folder if needed, and return it."""
+    """Write a history to a folder, in place of an older history."""
     if not np.isfinite(history.displacement).all():
         raise HistoryError(
             "write: found NaN or infinite displacements; only finite fields are written. Run with check=True to see "
@@ -273,7 +273,7 @@ def _write_series(history: Results, folder: Path) -> None:
 
 
 def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
-    """Return displacement and contact as nodal fields; contact vectors change sign on the second of two bodies."""
+    """Return displacement and contact as nodal fields."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
     if history.is_axisymmetric:
@@ -296,7 +296,7 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the names of the files of a history in a folder, which is a history only if it has an archive."""
+    """Return the file names of the history in a folder."""
     if not _is_archive(folder / ARCHIVE):
         return set()
     return {ARCHIVE, SERIES, SUMMARY, *FILES.values()} | {name for name in os.listdir(folder) if STEP.fullmatch(name)}
@@ -311,7 +311,7 @@ def _is_archive(path: Path) -> bool:
 
 
 def writable_folder(folder: str | Path) -> Path:
-    """Create the folder if needed and return it; raise HistoryError if it is a file, or cannot be written to."""
+    """Create a folder for output and return it, or raise HistoryError."""
     folder = path_of(folder, "write")
     try:
         folder.mkdir(parents=True, exist_ok=True)

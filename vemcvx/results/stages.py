@@ -1,7 +1,6 @@
-"""Stages as one history: the stored instants of all stages, one after the other.
+"""Consecutive stages as one history.
 
-A later stage begins where the stage before it ended, so its initial instant is left out. An effect acts only in its own
-stage. The arrays in COUNTED continue from stage to stage.
+The initial instants of later stages are left out. An effect acts only in one stage.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from vemcvx.base.arrays import SAME, array_fields
 from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
-COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that begin anew in each run
+COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that restart in each stage
 PER_EFFECT = "acting", "loads"  # dimensions of arrays with one entry per effect
 
 
@@ -57,7 +56,7 @@ def join(stages: Sequence[Results]) -> Results:
         out_of_plane=first.out_of_plane,
         seconds=seconds,
         inactive=tuple(f"stage {k}: {words}" for k, stage in enumerate(stages, 1) for words in stage.inactive),
-        # `sides` contains the supports of the boundary, which must be the same in all stages.
+        # All stages must have the same supports of the boundary.
         sides=first.sides if held.count(held[0]) == len(held) else None,
         stabilisation=first.stabilisation,
         units=first.units,
@@ -66,7 +65,7 @@ def join(stages: Sequence[Results]) -> Results:
 
 
 def _difference(before: Results, after: Results) -> str:
-    """Return in words why a stage does not continue the stage before it; "" if it does."""
+    """Return why a stage does not continue the stage before, or ""."""
     alike = {"mesh": ("points", "centroids"), "contact": ("nodes", "partners", "normals", "lengths")}
     for name, arrays in alike.items():
         one, other = getattr(before, name), getattr(after, name)
@@ -90,11 +89,7 @@ def _difference(before: Results, after: Results) -> str:
 
 
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arrays `names` (by default all) of all stages, one after the other, without later initial rows.
-
-    In arrays per effect, each effect of each stage has its own column, which is zero in other stages. In other arrays,
-    a stage has zeros for a missing array, and NaN, 0 or False for a missing column.
-    """
+    """Return arrays of all stages as one array each."""
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():
         arrays = [getattr(record, name) for record in records]
@@ -103,6 +98,7 @@ def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any
         if sizes[0] not in ("S", "N") or (names and name not in names) or all(array is None for array in arrays):
             continue
         shape = np.max([array.shape[1:] for array in arrays if array is not None], axis=0).astype(int)
+        # Each effect of each stage has a column.
         apart, rows = any(size in PER_EFFECT for size in sizes), list[Any]()
         first, count = 0, sum(array.shape[1] for array in arrays) if apart else 0
         for record, array in zip(records, arrays, strict=True):

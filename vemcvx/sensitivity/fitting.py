@@ -1,14 +1,15 @@
 """Parameters of a scene that explain measurements, by least squares with the derivatives of the run.
 
-With measurements m and values q(theta) of quantities, we minimise
+With measurements m, values q(theta) of quantities, and a given regularisation L, we minimise
 
     |r|^2 + |L theta|^2,    r = (q - m) / sigma,
 
-by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The caller states the
-regularisation L. The noise of m has the standard deviation s sigma. If the caller gives sigma, s = 1. Otherwise sigma
-is the largest |m_i| of each quantity, and s is estimated. With J = dr/dtheta and H = J'J + L'L, the estimate is
-s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'). The covariance of the result is s^2 H^{-1}. Standard
-errors hold for the linearised model and independent noise, without the bias that the regularisation causes.
+by SciPy's trust-region method (Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999)). The noise of m has the standard
+deviation s sigma. If the caller gives sigma, s = 1. Otherwise sigma is the largest |m_i| of each quantity, and
+
+    s^2 = |r|^2 / (number of measurements - trace of J H^{-1} J'),    J = dr/dtheta,    H = J'J + L'L.
+
+The covariance of theta is s^2 H^{-1}, for a linearised model with independent noise.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ log = logging.getLogger("vemcvx")
 TOLERANCE = 1e-10
 """Relative change of the sum of squares, and of the parameters, at which a fit ends."""
 UNDETERMINED = 1e-8
-"""Singular value of dr/dtheta, relative to the largest, up to which a combination of parameters is undetermined."""
+"""Largest relative singular value of dr/dtheta at which a combination of parameters is undetermined."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -57,8 +58,8 @@ class Fit(Outlined):
     names : tuple of str
         The names of the parameters.
     misfit : float or None
-        The root mean square of the residuals relative to the given noise; None if the noise is estimated. If it is much
-        larger than 1, the model is wrong, or the search ended in a local minimum: begin with other parameters.
+        The root mean square of the residuals relative to the given noise; None if the noise is estimated. A misfit much
+        larger than 1 means a wrong model or a local minimum.
     history : History
         The fitted run.
     runs : int
@@ -126,13 +127,12 @@ def fit(
     theta_0 : (P,) array
         The parameters with which the search begins.
     measured : dict of str to (N + 1,) array
-        Measured values of quantities at all instants, by the names that :func:`vemcvx.sensitivities` takes; NaN where
-        nothing was measured.
+        Measured values at all instants, NaN where missing, by quantity (see :func:`vemcvx.sensitivities`).
     noise : number, or dict of str to number, optional
-        The standard deviation of the noise, in the unit of the quantity. By default, the noise of every quantity is
-        the same fraction of its largest measured value; the residuals determine this fraction.
+        The standard deviation of the noise, in the unit of the quantity. By default, an estimated fraction of the
+        largest measured value.
     bounds : pair of numbers or (P,) arrays
-        The smallest and largest parameters, such as ``(0.0, np.inf)``. Scenes beyond them are not simulated.
+        The smallest and largest parameters, such as ``(0.0, np.inf)``.
     penalty : (k, P) array, optional
         The regularisation L: |L theta|^2 is added to the sum of (residual / noise)^2.
     names : sequence of str, optional
@@ -238,7 +238,7 @@ def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) ->
 
 
 def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m: Floats) -> Floats:
-    """Return sigma (Q,): the given standard deviations, or else the largest |m| of each row of m (Q, N + 1)."""
+    """Return given standard deviations, or the largest |m| of each quantity."""
     if noise is None:
         largest = np.nan_to_num(np.abs(m)).max(axis=1)
         return np.where(largest > 0, largest, 1.0)
@@ -250,7 +250,7 @@ def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m:
 
 
 def _invert(J: Floats, scale: Floats) -> tuple[Floats, Bools]:
-    """Return (J'J)^{-1} on the combinations of parameters that J determines, and a mask of undetermined parameters."""
+    """Return a pseudoinverse of J'J, and a mask of undetermined parameters."""
     size, V = np.linalg.svd(np.vstack([J * scale, np.zeros((len(scale),) * 2)]))[1:]
     known = size > UNDETERMINED * size.max()
     each = scale * V[known] / size[known, None]

@@ -1,22 +1,17 @@
 r"""Semismooth Newton on active sets, for the contact forces x = (lam, p) of a step (docs/theory/semismooth_newton.md).
 
-Symbols are as in :mod:`vemcvx.program.forces`. Let x_law be w s/|s| on terms with weight w that slip by s, zero on open
-limits, and the last x on sticking terms and acting limits. The next x is x_law + Q z. The unknowns z are changes of
+Let x_law be the forces of the law on slipping terms and open limits, and the last x on other rows. The next x is
+x_law + Q z. Let s be the slips and w the weights of slipping terms. The unknowns z are changes of
 
-- forces of sticking terms and acting limits, where limits also change friction along slips, by J = dw/dp,
+- forces of sticking terms and acting limits; limits also change friction along slips, by J = dw/dp,
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Let P be Q' without J, and r the vector `off` at x_law, minus the slips s on slipping terms. Then z solves
+Let P be Q' without J, and W the Delassus matrix. The matrix of the system is P W Q + diag(compliance). If K has a
+kernel, the system also has the balance of forces on the kernel.
 
-$$ (P (W + C) Q + \operatorname{diag}(\text{compliance})) \, z = P r. $$
-
-If K has a kernel N, the system also has the equations N'A'x = N'g. If W is an operator (iterative linear solvers, very
-many rows), GMRES solves the system.
-
-If active sets recur, accelerated projected gradients on the dual program follow. In space they also follow the first
-Newton step. For laws that are not monotone, they follow every fourth recurrence only; after the others, we take the
-best of four points between the last two points of Newton's method.
+If active sets recur, accelerated projected gradients follow. For laws that are not monotone, three of four recurrences
+choose the best of four points between the last two points instead.
 """
 
 from __future__ import annotations
@@ -65,7 +60,7 @@ class ActiveSets:
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
-        """Return the sets that q = x + SHIFT * off predicts; weights are for slips s, by default the point's slips."""
+        """Return the active sets that q = x + SHIFT * off predicts."""
         q, press = delassus.split(point.x + SHIFT * point.off)
         s = delassus.split(point.off)[0] if s is None else s
         size, p = lengths(q), delassus.split(point.x)[1]
@@ -90,19 +85,19 @@ class ActiveSets:
         return self.held.tobytes() + (signs.tobytes() if self.direction.shape[1] == 1 else b"")
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
-        """Return x_law (N,): w along `direction` on slipping terms, zero on open limits, and x elsewhere."""
+        """Return x_law for weights w and directions of slip."""
         w = np.where(self.stick, 0.0, w)  # The weight of a sticking term may be infinite.
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the largest entry in x_law - x, in SHIFT * off on held rows, and in the imbalance `rest`."""
+        """Return the largest error of forces, of held rows, and of the balance."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
 class ActiveSetSystem:
-    """The linear system of some active sets, with the factors of its matrix in `solve`."""
+    """The factorised linear system of active sets."""
 
     sets: ActiveSets
     P: sp.csr_matrix  # (k, N)
@@ -111,7 +106,7 @@ class ActiveSetSystem:
 
     @classmethod
     def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
-        """Assemble and factorise the system, with the derivatives of the law at a point."""
+        """Assemble and factorise the system at a point."""
         P, Qt, compliance = build_columns(sets, delassus.split(point.x)[1], law)
         Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
         if isinstance(W, np.ndarray):
@@ -128,14 +123,14 @@ class ActiveSetSystem:
 
 
 def build_columns(sets: ActiveSets, p: Floats, law: Weights) -> tuple[sp.csr_matrix, sp.csr_matrix, Floats]:
-    """Return P (k, N), Q' (k, N) and the compliances (k,) for some active sets and forces p of limits."""
+    """Return P, Q' and the compliances for active sets and forces p of limits."""
     J, slope = law.slopes(p, sets.along)
     P, compliance = _columns(sets, slope)
     return P, P if J is None else _with_pressure(P, sets, J), compliance
 
 
 def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, compliance: Floats) -> Floats:
-    """Return the matrix of the system, bordered by R (N, j) if K has a kernel."""
+    """Return the matrix of the system, bordered by R if K has a kernel."""
     count = P.shape[0]
     M = np.zeros((count + R.shape[1],) * 2, order="F")
     M[:count, :count] = P @ (Qt @ W).T
@@ -145,7 +140,7 @@ def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, comp
 
 
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
-    """Return P (k, N) and compliances (k,); the head of this module lists the forces that are rows of P."""
+    """Return P and the compliances."""
     (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
@@ -164,7 +159,7 @@ def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Flo
 
 
 def _with_pressure(P: sp.csr_matrix, sets: ActiveSets, J: sp.csr_matrix) -> sp.csr_matrix:
-    """Return Q' (k, N): add J times the directions of slip to the rows of P for acting limits."""
+    """Return Q': P plus the friction that acting limits cause."""
     block, acting = sets.direction.shape[1], sp.csc_matrix(J)[:, sets.act]
     ways = np.where(sets.stick[:, None], 0.0, sets.direction)[acting.indices] * acting.data[:, None]
     at = acting.indices[:, None] * block + np.arange(block)
@@ -183,9 +178,9 @@ class Search:
     safeguards: int = 0
 
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
-        """Solve the step from a point and a system; return the solution, its last system, and the error of the law."""
+        """Return the solution, the last system, and the error of the law."""
         system = system or self._first_system(point)
-        s, z = self.delassus.split(point.off)  # Gaps z < 0 are open; their size says nothing about forces.
+        s, z = self.delassus.split(point.off)  # Gaps z < 0 are open, whatever their size.
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last = set[bytes](), None, 0, np.inf
         while True:
@@ -205,7 +200,7 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system of a point's sets at zero slip; in a floating body, all terms stick and all limits act."""
+        """Return the system at zero slip, in a floating body with all rows held."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
@@ -216,7 +211,7 @@ class Search:
         return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
-        """Correct a point with the factors of a system; return the new point, its sets and its error of the law."""
+        """Correct a point; return the new point, active sets, and error of the law."""
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
         for _ in range(MAX_CORRECTIONS):
@@ -241,17 +236,15 @@ class Search:
         return point, new, error
 
     def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
-        """Return the best of four points between `before` and `point`, and its active sets."""
+        """Return the best of four points between `before` and `point`, with active sets."""
         dx, da = point.x - before.x, point.a - before.a
         tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
         found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
         return min(found, key=lambda pair: pair[1].law_error(pair[0]))
 
     def _sweep(self, point: Point) -> Point:
-        """Return a point nearer to the solution, by projected gradients.
-
-        If K has a kernel, the method is an augmented Lagrangian with multipliers `a` and the penalty |W| |rest|^2 / 2.
-        """
+        """Return a point nearer to the solution, by projected gradients."""
+        # For a kernel, the method is an augmented Lagrangian with multipliers `a`.
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
         self.safeguards += 1
@@ -261,7 +254,7 @@ class Search:
                 momentum, ahead, off = 1.0, point.x, point.off + R @ (norm * point.rest)
                 now = off
             if has_diverged(off):
-                break  # Nothing holds a floating body: its slips grow without limit.
+                break  # Nothing holds a floating body: slips grow without limit.
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if self.law.is_monotone and not self.law.is_given:
@@ -282,14 +275,14 @@ class Search:
 
 @dataclass(frozen=True)
 class Newton(Solver):
-    """The semismooth Newton method of this package; it accepts every kind of term, and laws of friction.
+    """The semismooth Newton method of this package, for every kind of term and law of friction.
 
     Parameters
     ----------
     accuracy : float
-        Requested relative energy error of a step, which its certificate must meet.
+        Requested relative energy error of a step.
     max_iterations : int
-        Largest number of linear systems per step. If a step needs more, its answer is the last point.
+        Largest number of linear systems per step.
 
     Examples
     --------
@@ -314,11 +307,11 @@ class Newton(Solver):
 
 @dataclass(eq=False)
 class PreparedNewton:
-    """Newton's method for the programs of one run; it keeps the last system."""
+    """Newton's method for the programs of one run."""
 
     operators: Operators
     most: int
-    system: ActiveSetSystem | None = None
+    system: ActiveSetSystem | None = None  # the last system
 
     @cached_property
     def delassus(self) -> Delassus:
@@ -336,7 +329,7 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Solve a step from a point; the first system is for the point's active sets if `near`, else the last one."""
+        """Solve a step from a point, on the active sets of the point if `near`."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         u = delassus.u
         own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])
@@ -354,7 +347,7 @@ class PreparedNewton:
 def apply_law_to_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Floats, Floats]:
-    """Return increments d and forces lam, p that obey the law: held rows do not move, and lam = w s/|s| for slips s."""
+    """Return increments d and forces lam, p that obey the law."""
     operators, sets = program.operators, system.sets
     d, point = correct_answer(delassus, program, point, system, law)
     if operators.own_columns is not None:
@@ -375,7 +368,7 @@ def apply_law_to_answer(
 def correct_answer(
     delassus: Delassus, program: StepProgram, point: Point, system: ActiveSetSystem, law: Weights
 ) -> tuple[Floats, Point]:
-    """Remove the residual, motions of held rows, and slips not parallel to forces; return increments and point."""
+    """Return corrected increments and the corrected point."""
     operators, sets, count = delassus.operators, system.sets, system.P.shape[0]
     d, (lam, p) = delassus.increments(program, point), delassus.forces(point)
     left = program.residual(d, lam, p)
@@ -393,6 +386,6 @@ def correct_answer(
 
 
 def gap_of_law(program: StepProgram, law: Weights, answer: Answer) -> float:
-    """Return the duality gap of an answer for the weights at its pressure and slip."""
+    """Return the duality gap of an answer under the weights of the law."""
     followed = replace(program, w=law.at(answer.p, lengths(program.slip(answer.d))))
     return followed.duality_gap(*followed.admissible_point(answer.d, answer.lam, answer.p))

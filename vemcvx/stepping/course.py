@@ -1,7 +1,7 @@
-"""Loads, gaps, friction bounds and motions as functions of time, and the instants at which they bend, turn or jump.
+"""Bends, turns and jumps of loads, gaps, friction bounds and motions in time.
 
-All data of one kind, such as all gaps, are added up with random weights. These sums are sampled at ends and midpoints
-of steps, and at intervals of at most 1/256 of the run. Changes that begin and end between two samples are not found.
+All data of one kind, such as all gaps, are added with random weights. The sums are sampled at ends and midpoints of
+steps, and at least 256 times in a run. A change that begins and ends between two samples is not found.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Least bend or turn that is found: change of slope times length of an interval, relative to the largest data."""
+"""Least change of slope that is found, times the length of an interval, relative to the largest data."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -26,8 +26,8 @@ class Course:
     """The data in time: samples, bends and turns, and jumps."""
 
     times: Floats  # (q,) instants of the samples
-    values: Floats  # (q, k) weighted sums of data, relative to their largest size
-    bends: Floats  # (b,) instants of bends, turns and jumps; a jump has two, at most JUMP_WIDTH apart
+    values: Floats  # (q, k) weighted sums of data, of size at most one
+    bends: Floats  # (b,) instants of bends and turns, and two instants per jump
     jumps: tuple[str, ...]  # one sentence for each jump
 
 
@@ -51,7 +51,7 @@ def sample_course(system: System, times: Floats) -> Course:
 
 
 def subdivide(times: Floats, least: int, in_all: int) -> Floats:
-    """Split each step into `least` or more parts, and the run into `in_all` or more. Steps across jumps stay whole."""
+    """Split steps into `least` or more parts, except steps across jumps."""
     span = times[-1] - times[0]
     parts = []
     for a, b in pairwise(times):
@@ -61,10 +61,10 @@ def subdivide(times: Floats, least: int, in_all: int) -> Floats:
 
 
 def inside_steps(times: Floats, bends: Floats) -> Floats:
-    """Return the instants of bends inside steps, without duplicates. A jump has two such instants."""
+    """Return the distinct instants of bends inside steps."""
     span = float(times[-1] - times[0])
     inside = np.sort(bends[np.abs(bends[:, None] - times).min(axis=1, initial=np.inf) > JUMP_WIDTH * span])
-    # If two data bend at the same instant, this instant is found twice, with different rounding.
+    # Bends of two data at the same instant differ by rounding.
     return inside[np.diff(inside, prepend=-np.inf) > 1e-13 * span]
 
 
@@ -80,12 +80,12 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
-    """Return the instants of bends: the lines through the samples on both sides of an interval meet inside it."""
+    """Return the instants of bends, where lines from both sides meet."""
     width = np.diff(times)
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
     size, far = np.abs(apart).max(axis=1), np.maximum(np.append(0.0, curved[:-2]), np.append(curved[2:], 0.0))
-    # At a bend, the change of slope is more than eight times the changes in the intervals beside it.
+    # At a bend, the slope changes eight times more than in neighbouring intervals.
     j = np.flatnonzero((size * width[1:-1] > BEND_TOLERANCE) & (size > 8.0 * far))
     k = np.abs(apart[j]).argmax(axis=1)
     after = (values[j + 1, k] + slopes[j + 2, k] * width[j + 1] - values[j + 2, k]) / apart[j, k]
@@ -94,7 +94,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
 
 
 def _turns(times: Floats, values: Floats) -> Floats:
-    """Return the instants of turns: vertices of parabolas through three samples, of which the middle one is extreme."""
+    """Return the instants of turns, at vertices of parabolas through three samples."""
     width = np.diff(times)[:, None]
     slopes, half = np.diff(values, axis=0) / width, 0.5 * (width[1:] + width[:-1])
     left, right = slopes[:-1], slopes[1:]
@@ -109,10 +109,10 @@ def _jumps(
     """Return two instants and a sentence for each jump."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
     usual, instants, sentences = np.median(change) if len(change) else 0.0, [], []
-    # At a jump, the change in an interval is large compared with the data and with the median change.
+    # A jump is large compared with the data and with the median change.
     for j in np.flatnonzero((change > 0.02) & (change > 4.0 * usual)).tolist():
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]
-        # Halve the interval thirty times. A jump keeps at least a quarter of the change; a steep slope keeps nothing.
+        # After thirty halvings, a jump keeps a quarter of the change; a steep slope keeps nothing.
         for _ in range(30):
             t = 0.5 * (a + b)
             middle = value(t)

@@ -18,7 +18,7 @@ from vemcvx.program.system import Norms, System
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
-"""Ratio of softening to stiffness from which on steps amplify rounding a thousandfold, and a warning is issued."""
+"""Least ratio of softening to stiffness that causes a warning: steps amplify rounding a thousandfold."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
@@ -26,14 +26,13 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # `error_floor` estimates rounding errors. The default solver may stop there; above .1, certificates are void.
+    # Certificates are void if rounding errors exceed a tenth of the energy norm.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
     parts = certificate.error + certificate.error_floor, certificate.error_floor
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in parts)
     worst = ""
-    # Name the worst norm term only if the gap is finite and friction contributes to it.
     if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
         worst = f" The largest part of the gap is at {norms.name(int(np.argmax(certificate.friction)))}."
     said = f" Status of the solver: {state.status}." if state.status else ""
@@ -65,7 +64,7 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
-    """Raise SceneError if no displacement obeys all bounds, that is, D'p = 0 and p'e < 0 for some p >= 0 (Farkas)."""
+    """Raise SceneError if bounds contradict: D'p = 0 and p'e < 0 for some p >= 0."""
     from scipy.optimize import linprog  # Importing it takes a fifth of a second.
 
     limits = system.limits
@@ -86,7 +85,7 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
 
 
 def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: str) -> None:
-    """Raise SceneError if friction and limits cannot hold a body that nothing else holds."""
+    """Raise SceneError if friction and limits cannot hold a floating body."""
     kernel, norms, field = condensation.system.kernel, condensation.system.norms, program.find_unbalanced_motion()
     if kernel is None or field is None:
         return
@@ -95,7 +94,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))
-    holds = holds if holds > 1e-12 * push else 0.0  # otherwise rounding errors of zero slips
+    holds = holds if holds > 1e-12 * push else 0.0  # smaller values are rounding errors
     by = "" if norms is None or norms.law is None else ", by the pressures and slips before the step,"
     raise SceneError(
         f"{when}: only friction and one-sided contact hold the body against {kernel.name(parts)}. The load pushes it "
@@ -115,7 +114,7 @@ def refuse_floating_rates(system: System) -> None:
 
 
 def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) -> None:
-    """Raise SceneError: a step at the initial instant moved the state to `settled`, by `jump` of the energy norm."""
+    """Raise SceneError for an initial state that is not in equilibrium."""
     operators, norms, where = run.operators, run.system.norms, ""
     if norms is not None:
         way = lengths(operators.blocks(operators.B @ (settled.y - state.y)))

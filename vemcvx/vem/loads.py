@@ -26,14 +26,14 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# match all moments of degree 2, and every convex cell contains them (Kannan, Lovasz, Simonovits, Discrete Comput. Geom.
-# 13 (1995)). If one of the points is not clearly inside, the cell is cut into triangles. Triangles have three points
-# each. Polyhedra have one point, the centroid.
+# match all moments of degree 2. Every convex cell contains them (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13
+# (1995)). A cell with a point that is not clearly inside is cut into triangles with three points each. Polyhedra have
+# one point, the centroid.
 Rule = tuple[Floats, Floats, Ints]
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
-    """Return points (q, dim) inside the cells, their weights (q,), and the positions of their cells in the group."""
+    """Return points inside cells, weights, and the position of each point's cell."""
     if isinstance(group, PolyhedronGroup):
         return group.quadrature()
     points, weights, owner = _plane_quadrature(group)
@@ -59,7 +59,7 @@ def _plane_quadrature(group: CellGroup) -> Rule:
 
 
 def _ring(about: Floats, areas: Floats) -> Floats:
-    """Return the four points (c, 4, 2) relative to the centroid, given the vertices relative to the centroid."""
+    """Return the four points relative to the centroid."""
     M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
     # On cells thinner than 1e-8 of their length, rounding may make the determinant negative.
@@ -69,9 +69,9 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 
 
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Return True for cells (c,) whose points (c, p, 2) all lie clearly left of all edges."""
+    """Return a mask of cells whose points all lie clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|). Points on an edge up to rounding are not inside.
+    # "Clearly" means by 1e-6 sqrt(|K|), far above rounding.
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
@@ -96,8 +96,8 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     points : (q, dim) array
         Two Gauss points per edge; seven points per triangle of a face.
     matrix : (n_u, dim q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load. It is exact for forces f of degree 2 in the plane, of degree 1
-        in bodies of revolution, and of degree 4 in space.
+        ``matrix @ f(points).ravel()`` is the nodal load of f. It is exact for f of degree 2 in the plane, 4 in space,
+        and 1 in bodies of revolution.
     sides : (q,) array of int
         The side of each point, as a position in the part.
 
@@ -120,10 +120,9 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return points (q, dim) inside cells, a matrix (n_u, dim q), and the cell of each point.
+    """Return points inside cells, a matrix, and the cell of each point.
 
-    ``matrix @ f(points).ravel()`` is the nodal load of a force f per area, in space per volume. It is exact for f of
-    degree 2 in the plane, and of degree 1 in space and in bodies of revolution.
+    ``matrix @ f(points).ravel()`` is the nodal load of a body force f.
     """
     points, matrices, cells = [], [], []
     for group in space.groups:
@@ -137,10 +136,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
-    """Return w (n_nodes,) and g (n_nodes, dim) with int Pi u = w'u and int grad Pi u = g'u for nodal values u.
-
-    The integrals are over the cells that are True in `some`.
-    """
+    """Return w and g with int Pi u = w'u and int grad Pi u = g'u over some cells."""
     mesh = space.mesh
     cells, gradient = np.flatnonzero(some), np.zeros(mesh.points.shape)
     for group in space.groups:
@@ -191,11 +187,7 @@ def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
 
 
 def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floats:
-    """Return the mean strain (n_cells, components) of a displacement, given as a function of points (q, dim).
-
-    In the energy projection P^h u_0, (2.11) of the paper, we replace a_K(u_0, v) by |K| C eps_K : eps(Pi v) with the
-    mean strain eps_K of u_0. The difference is O(h) for u_0 in H^2, and zero for linear u_0.
-    """
+    """Return the mean strain of a displacement in each cell."""
     mesh, sides = space.mesh, space.mesh._sides
     if isinstance(mesh, PolyhedralMesh):
         part = face_part(np.arange(mesh.n_faces), mesh)
@@ -205,7 +197,7 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
     for rule in part.rules(4):  # exact for degree 7 on edges and 5 on faces
         values = displacement(rule.points.reshape(-1, space.dim)).reshape(rule.points.shape)
         total[rule.sides] = np.einsum("fq,fqa->fa", rule.shares.sum(axis=1), values)
-    flux = total[:, :, None] * part.normals[:, None, :]  # int u (x) n ds, n outward for the first cell of each side
+    flux = total[:, :, None] * part.normals[:, None, :]  # int u n' ds, with n outward from the first cell
     columns = [flux[:, a, a] if a == b else flux[:, a, b] + flux[:, b, a] for a, b in COMPONENTS[space.dim]]
     (first, second), inner = sides.cells.T, sides.cells[:, 1] >= 0
     sums = [totals(first, x, mesh.n_cells) - totals(second[inner], x[inner], mesh.n_cells) for x in columns]

@@ -23,20 +23,20 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# The projection Pi (Section 3 of the paper; docs/theory/virtual_elements.md) on a polygon K with the perimeter |dK|,
-# the vertices (x_i, y_i), short x_i, the vertex values v_i, and the edges e_i from vertex i to vertex i + 1:
+# Let K be a polygon with the perimeter |dK|, the vertices p_i = (x_i, y_i), and the edges e_i from p_i to p_{i+1}.
+# Let v have the values v_i at p_i. The projection is (Section 3 of the paper; docs/theory/virtual_elements.md)
 #
-#     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i,
-#     grad Pi v = sum_i v_i (x) G_i,   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|).
+#     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i p_i,
+#     grad Pi v = sum_i v_i G_i',   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|).
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Return areas |K| (c,) and |K| G_i (c, n, 2) of counter-clockwise cells (c, n, 2) near the origin."""
+    """Return |K| and |K| G_i of counter-clockwise cells near the origin."""
     gradients = 0.5 * right_of(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1))
-    # With this formula for the area, the computed gradient of the function x is exactly one.
+    # With this area, the computed gradient of the function x is exactly one.
     return np.einsum("ci,ci->c", corners[:, :, 0], gradients[:, :, 0]), gradients
 
 
 def boundary_weights(corners: Floats) -> Floats:
-    """Return the weights w_i (c, n) of cells or faces (c, n, dim)."""
+    """Return the weights w_i of cells or faces."""
     edge = np.roll(corners, -1, axis=1) - corners
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
@@ -44,11 +44,7 @@ def boundary_weights(corners: Floats) -> Floats:
 
 
 def tangents_of(normals: Floats) -> Floats:
-    """Return orthonormal tangents (k, dim - 1, dim) at unit normals n (k, dim).
-
-    In the plane, the tangent is the normal rotated by +90 degrees. In space, the first tangent t1 is the projection of
-    the axis farthest from the normal, and (t1, t2, n) is right-handed.
-    """
+    """Return orthonormal tangents that form right-handed frames with unit normals."""
     if normals.shape[1] == 2:
         return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]
     axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
@@ -57,9 +53,9 @@ def tangents_of(normals: Floats) -> Floats:
     return np.stack([first, np.cross(normals, first)], axis=1) + 0.0
 
 
-# On a plane face f of a polyhedron, a function v has the value sum_i w_i v_i at the point c = sum_i w_i x_i, and is
-# linear on each triangle (c, x_i, x_{i+1}). Let N_i be the area vectors of these triangles, N their sum, nu the unit
-# normal of the face, and phi_i the basis function of vertex i. Then
+# Let f be a plane face of a polyhedron, with the vertices p_i and the point c = sum_i w_i p_i. A function v is linear
+# on each triangle (c, p_i, p_{i+1}), with v(c) = sum_i w_i v_i. Let N_i be the area vector of triangle i, N the sum of
+# all N_i, nu the unit normal of the face, and phi_i the basis function of vertex i. Then
 #
 #     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|.
 #
@@ -71,8 +67,8 @@ class FaceGroup:
     faces: Ints  # (f,) face numbers
     nodes: Ints  # (f, n) vertices; the right-hand rule gives the normal
     origin: Floats  # (f, 3) the first vertex
-    corners: Floats  # (f, n + 1, 3) the vertices and c, relative to the first vertex
-    weights: Floats  # (f, n) w_i
+    corners: Floats  # (f, n + 1, 3) vertices and c, relative to the first vertex
+    weights: Floats  # (f, n) weights w_i
     triangles: Ints  # (f, T, 3) positions in `corners`
 
     @cached_property
@@ -95,7 +91,7 @@ class FaceGroup:
         return np.linalg.norm(self.vector_shares, axis=2)
 
     def quadrature(self) -> tuple[Floats, Floats]:
-        """Return points (f, q, 3), and weights times basis functions (f, n, q), exact for degree 5."""
+        """Return quadrature points, and weights times basis functions, exact for degree 5."""
         f, count = self.triangles.shape[:2]
         within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._at_triangles(self.corners))
         each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (RADON_WEIGHTS[:, None] * RADON_POINTS).T
@@ -107,12 +103,12 @@ class FaceGroup:
         return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
 
     def _at_triangles(self, values: Floats) -> Floats:
-        """Return the values (f, T, 3, ...) at corners of triangles."""
+        """Return the values at corners of triangles."""
         return values[np.arange(len(values))[:, None, None], self.triangles]
 
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
-    """Yield groups of faces with equally many vertices; face f has ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Yield groups of faces with equally many vertices."""
     counts = np.diff(offsets)[faces]
     for n in np.unique(counts):
         some = faces[counts == n]
@@ -133,14 +129,14 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 
 def _fan(n: int) -> Ints:
-    """Return the triangles (n, 3) around c, the last of n + 1 points; if n = 3, return the face itself, (1, 3)."""
+    """Return the triangles around the point c, or a triangular face itself."""
     if n == 3:
         return np.arange(3)[None]
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
 
 
 def _split_along_diagonals(corners: Floats) -> Ints:
-    """Cut faces (f, n, 3) along diagonals into triangles (f, n - 2, 3)."""
+    """Cut faces along diagonals into triangles."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
     return split_at_vertices(np.einsum("fbi,fni->fnb", plane, corners))
@@ -175,7 +171,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """For each component, 1 if its translations cause no strain, 0 if they do (radially in a body of revolution)."""
+    """0 for radial displacements in bodies of revolution, which cause strains; else 1."""
 
     @cached_property
     def corners(self) -> Floats:
@@ -198,7 +194,7 @@ class CellGroup:
         return area_gradients(self.corners)
 
     def strain_rows(self) -> tuple[Floats, Floats]:
-        """Return |K| (c,), and |K| times the strains (c, components, n, dim) of unit displacements of vertices."""
+        """Return |K|, and |K| times the strains (c, components, n, dim) of unit displacements."""
         measures, g = self.gradients()
         count, n, dim = g.shape
         B = np.zeros((count, len(COMPONENTS[dim]), n, dim))
@@ -213,15 +209,15 @@ class CellGroup:
         return np.asarray(np.einsum("ckia,cia->ck", B, v) / measures[:, None])
 
     def depth(self, x: Floats) -> Floats:
-        """Return the thickness (k,) of the body at points x (k, dim): one, except in bodies of revolution."""
+        """Return the thickness of the body at points x, one except in bodies of revolution."""
         return np.ones(len(x))
 
     def load_shares(self) -> Floats:
-        """Return the fractions (c, n) of the force on a cell that its vertices carry."""
+        """Return the fractions (c, n) of a uniform force on a cell at the vertices."""
         return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
 
     def boundary_means(self) -> Floats:
-        """Return the weights (c, n) of vertex values in the mean over the boundary of a cell."""
+        """Return the weights w_i (c, n)."""
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
@@ -229,29 +225,29 @@ class CellGroup:
         return self.values_at(self.corners)
 
     def values_at(self, x: Floats) -> Floats:
-        """Return the values (c, q, n) of Pi phi_j at points x (c, q, dim) relative to the first vertex of the cell."""
+        """Return the values (c, q, n) of Pi phi_j at points x, relative to the first vertex."""
         (measures, gradients), w = self.gradients(), self.boundary_means()
         arms = (x - np.einsum("ci,cia->ca", w, self.corners)[:, None]) / measures[:, None, None]
         return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])
 
     def chunks(self) -> Iterator[CellGroup]:
-        """Yield pieces of the group, in which one n x n matrix per cell makes about `CACHED_NUMBERS` entries."""
+        """Yield pieces of the group whose matrices fit into the cache."""
         size = max(1, CACHED_NUMBERS // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
 
     def part(self, places: Ints | slice) -> Self:
-        """Return the group of some cells, given by their positions in this group."""
+        """Return the group of the cells at some positions."""
         own = [field.name for field in fields(self) if field.name != "points"]
         return replace(self, **{name: getattr(self, name)[places] for name in own})
 
 
-# On polyhedra, Gauss' theorem gives, from the outward vectors b_i and the integrals a_i of each face f,
+# On a polyhedron, let b_{f,i} be the outward vectors and a_{f,i} the integrals of each face f. By Gauss' theorem,
 #
-#     |K| G_i = sum_f b_{f,i},   |K| = sum_i x_i . |K| G_i / 3,   w_i = sum_f a_{f,i} / |dK|.
+#     |K| G_i = sum_f b_{f,i},   |K| = sum_i p_i . |K| G_i / 3,   w_i = sum_f a_{f,i} / |dK|.
 @dataclass(frozen=True, eq=False)
 class PolyhedronGroup(CellGroup):
-    """A group of polyhedra with equally many vertices; the vertices of each cell are in ascending order."""
+    """A group of polyhedra with equally many vertices; `nodes` ascend in each cell."""
 
     vector_shares: Floats  # (c, n, 3) |K| G_i
     shares: Floats  # (c, n) sum_f a_{f,i}
@@ -263,7 +259,7 @@ class PolyhedronGroup(CellGroup):
         return np.einsum("cia,cia->c", self.corners, self.vector_shares) / 3.0, self.vector_shares
 
     def boundary_means(self) -> Floats:
-        """Return the weights (c, n) of vertex values in the mean over the surface of a cell."""
+        """Return the weights w_i (c, n)."""
         return self.shares / self.shares.sum(axis=1)[:, None]
 
     @property
@@ -272,12 +268,12 @@ class PolyhedronGroup(CellGroup):
         return self.diameters
 
     def quadrature(self) -> tuple[Floats, Floats, Ints]:
-        """Return a rule that is exact for degree 1: the centroid, volume and position in the group of each cell."""
+        """Return the centroid, volume and position of each cell."""
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
 def second_moments(about: Floats) -> Floats:
-    """Return the second moments int_K x x' dx, (c, 2, 2), of polygons with the vertices `about` (c, n, 2)."""
+    """Return the second moments int_K x x' dx of polygons with the vertices `about`."""
     after = np.roll(about, -1, axis=1)
     # The integral over the triangle (0, p, q) is (p x q) / 24 (pp' + qq' + (p + q)(p + q)').
     part = cross(about, after) / 24.0
@@ -315,7 +311,7 @@ class RingGroup(CellGroup):
         return self.values_at(self.centres[:, None])[:, 0]
 
     def strain_rows(self) -> tuple[Floats, Floats]:
-        """Return the volumes (c,), and volumes times mean strains (c, 4, n, 2): rr, zz, rz and the hoop strain."""
+        """Return volumes, and volumes times mean strains: rr, zz, rz and hoop."""
         areas, g = self.gradients()
         outward = right_of(np.roll(self.corners, -1, axis=1) - self.corners)
         # With r relative to the centroid, a body far from the axis loses no digits.
@@ -331,7 +327,7 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * areas * self.radii, 2.0 * np.pi * B
 
     def hoop_variation(self) -> Floats:
-        """Return the matrices (c, n, n) of 2 pi g'M g / r_c (theory page) in radial displacements of vertices."""
+        """Return the matrices of 2 pi g'M g / r_c (docs/theory/virtual_elements.md)."""
         areas, g = self.gradients()
         rows = (g / areas[:, None, None]).transpose(0, 2, 1).copy()
         rows[:, 0] -= self.load_shares() / self.radii[:, None]
@@ -341,7 +337,7 @@ class RingGroup(CellGroup):
 
 
 def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]:
-    """Return the cells in groups of equally many vertices; cell numbers ascend within a group."""
+    """Return groups of cells with equally many vertices."""
     offsets, nodes = mesh.cell_nodes
     counts, groups = np.diff(offsets), list[CellGroup]()
     shares = _shares_of_cells(mesh, offsets, nodes) if isinstance(mesh, PolyhedralMesh) else ()
@@ -359,9 +355,9 @@ def cell_groups(mesh: Mesh, axisymmetric: bool = False) -> tuple[CellGroup, ...]
 
 
 def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
-    """Return |K| G_i (k, 3) and sum_f a_{f,i} (k,) for all k pairs of a cell and a node of it."""
+    """Return |K| G_i and sum_f a_{f,i} for all pairs of cells and nodes."""
     b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
-    for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # a face takes a quarter of the memory
+    for start in range(0, mesh.n_faces, 4 * CHUNK_SIZE):  # a face takes a quarter of a cell's memory
         some = np.arange(start, min(start + 4 * CHUNK_SIZE, mesh.n_faces))
         for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, some):
             at = mesh.face_offsets[group.faces][:, None] + np.arange(group.nodes.shape[1])

@@ -40,7 +40,7 @@ class Orders(NamedTuple):
 
 
 def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
-    """Return the observed orders of convergence: p such that errors are proportional to h^p.
+    """Return observed orders of convergence p, such that errors are proportional to h^p.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
 
 
 def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False) -> tuple[Floats, Floats]:
-    """Return sizes and errors as arrays of positive numbers; errors may be NaN if `missing`."""
+    """Return sizes and errors as arrays of positive numbers."""
     sizes, values = (as_real_array(raw, subject, "a sequence of numbers") for raw in (h, errors))
     if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
         raise HistoryError(
@@ -84,12 +84,12 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
     return sizes, values
 
 
-# u is the known displacement, Pi u_h the computed one, projected to linear displacements in each cell K.
+# Let u be the known displacement, and Pi u_h the computed displacement, projected to linear functions in each cell K.
 #
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
-# Quadrature has degree 5, in space degree 2: strains superconverge at centroids of squares, so degree 1 hides errors.
+# Quadrature has degree 5, in space 2. Degree 1 would miss errors: strains superconverge at centroids of squares.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
@@ -99,8 +99,8 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     ----------
     history : History or Field
     strain : callable (x, t) -> (m, 3)
-        Returns e_xx, e_yy, 2 e_xy at the points x (m, 2) and the instant t of the step. In space, x is (m, 3), and the
-        result (m, 6) has e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz.
+        Known strains e_xx, e_yy, 2 e_xy at points x (m, 2) and the instant t of the step. In space, (m, 6) strains
+        e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz.
     step : int
         A stored step; negative numbers count from the end.
 
@@ -132,13 +132,13 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
 
 
 def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
-    """Return the L2 norm of the difference between the displacement, projected in each cell, and a known displacement.
+    """Return the L2 norm of the difference between computed and known displacements.
 
     Parameters
     ----------
     history : History or Field
     displacement : callable (x, t) -> (m, dim)
-        Displacements at points x (m, dim) and the instant t of the step.
+        Known displacements at points x (m, dim) and the instant t of the step.
     step : int
         A stored step; negative numbers count from the end.
 
@@ -168,7 +168,7 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
 
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
-    """Return the quadrature points (q, dim), weights (q,) and cells (q,) of a mesh."""
+    """Return quadrature points, with the weight and the cell of each point."""
     mesh = space.mesh
     if isinstance(mesh, PolyhedralMesh):
         return _on_tetrahedra(mesh)
@@ -202,7 +202,7 @@ class ConvergenceTable:
         The name of the sizes.
     sizes : (m,) array
     errors, orders : dict of str to (m,) array
-        Errors and orders by name. An order is in the row of the finer of two runs, so the first order is NaN.
+        Errors and orders by name. The first order is NaN, because an order needs two runs.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
     Parameters
     ----------
     h : (m,) sequence of positive numbers, no two neighbours equal
-        Mesh sizes or steps; Markdown shows the inverse of a whole number as a fraction, such as 1/64.
+        Mesh sizes or steps.
     errors : (m,) sequence of positive numbers, or mapping of names to such sequences
         Each sequence gives a column of errors and a column of orders. NaN stands for a missing error.
     name : str
@@ -283,6 +283,6 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
 
 
 def _fraction(size: float) -> str:
-    """Format a size as a fraction, such as 1/64, if 1 / size is a whole number up to rounding."""
+    """Format a size, if possible as a fraction such as 1/64."""
     parts = round(1.0 / size) if size > 1e-9 else 0
     return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"

@@ -88,7 +88,7 @@ class History(Results, Outlined):
         points : (p, dim) array
             Coordinates, such as ``np.linspace(start, end, 101)`` for points of a line.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Stresses are constant on cells, and averaged where cells meet (:mod:`vemcvx.results.probe`).
+            Stresses are constant on cells, and averaged where cells meet.
 
         Raises
         ------

@@ -52,12 +52,12 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 1_982, "solvers": 1_246, "stepping": 1_646, "linear": 887, "scene": 1_749, "effects": 2_124}
-LINES |= {"exchange": 646, "testing": 907, "cli/collection": 954}
-LINES |= {"bound": 2_614, "results": 2_429, "estimate": 1_752, "plots": 1_712}
-LINES |= {"limit_analysis": 408}
+LINES = {"program": 1_981, "solvers": 1_239, "stepping": 1_640, "linear": 887, "scene": 1_749, "effects": 2_124}
+LINES |= {"exchange": 645, "testing": 907, "cli/collection": 954}
+LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
+LINES |= {"limit_analysis": 406}
 LINES |= {"sensitivity": 825, "cost": 486, "cli": 2_924}
-LINES |= {"meshes": 5_623, "meshes/io": 1_308, "vem": 1_775}
+LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
 """Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
 TOP = 1_695
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""

@@ -141,7 +141,11 @@ class Space:
                 called = [repr(one) for one, found in mesh.interfaces.items() if set(found.bodies) == bodies]
                 apart = [repr(one) for one in mesh.boundaries if one.endswith(f".{name}")]
                 what = f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)"
-                what = f"outside interfaces it is named {' or '.join(apart)}; {what}" if apart else what
+                if apart:
+                    gap = (
+                        "if two bodies should touch there, their gap exceeds tolerance= of meshes.read or meshes.bodies"
+                    )
+                    what = f"outside interfaces it is named {' or '.join(apart)}; {gap}"
                 what = f"this interface is named {' or '.join(called)}" if called else what
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:

@@ -13,11 +13,12 @@ with b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. T
 sides far from the edge. The ends z = const slide in their planes. The exact strains give the true error.
 
 Cells at the distance r from the edge have the size h(r). Up to constants, the squared error is int r^(2a - 3) h^2 dr,
-and the number N of cells is int r / h^3 dr. So N equal cubes have the error N^(-a/3). The error is least for
-h = c r^((4 - 2a) / 5). Then both integrals converge, because a > 1/3, and the error is N^(-1/3), as for smooth fields.
-So cells need not be longer along the edge than across it. At the same relative error d < 1, adaptive meshes have
-d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. We measured how many nodes adaptive tetrahedra
-need, relative to equal cubes: .20 at d = 19 %, and .16 at d = 17 %.
+and the number N of cells is int r / h^3 dr. N equal cubes have h = N^(-1/3). The first integral from r = h
+gives the error h^a = N^(-a/3). The error is least for h = c r^((4 - 2a) / 5). Then both integrals converge, because
+a > 1/3, and the error is N^(-1/3), as for smooth fields. Longer cells along the edge would not improve this order. At
+the same relative error d < 1, adaptive meshes have d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a
+constant. We measured how many nodes adaptive tetrahedra need, relative to equal cubes: .20 at d = 19 %, and .16 at
+d = 17 %.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """

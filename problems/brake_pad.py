@@ -1,4 +1,4 @@
-r"""A brake pad on a disc that starts: friction that grows with speed nears a steady value, friction that falls jumps.
+r"""A brake pad on a disc: if friction grows with speed, it approaches a steady value; if friction falls, it jumps.
 
 The pressure P presses the pad (0, L) x (0, H) on the disc below. The disc moves along x by V t. Friction per length
 depends on the speed v of slip,
@@ -17,8 +17,8 @@ Every step is a convex program with a certified error bound. In the steady state
 Now let friction fall (c < 0). Under uniform shear, a step of the length k has one solution if the ratio of softening to
 stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to
 slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period
-(mu_0 - mu_1) P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips on at
-q = mu_1 P and never sticks again. Try `--set growth=-.15`: a warning names the ratio, and the certificate is "for the
+(mu_0 - mu_1) P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips
+forever at q = mu_1 P. Try `--set growth=-.15`: a warning names the ratio, and the certificate is "for the
 given friction".
 
     vemcvx run problems/brake_pad.py --n 4 --steps 80 --plot

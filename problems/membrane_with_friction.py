@@ -137,7 +137,7 @@ def pose_on_table(mesh, pull):
 
 
 def solve_table_exactly(x, turns=TURNS, bound=BOUND):
-    """Return u and lambda at turning points, (len(turns), len(x)). No slip zone may exceed the zone before it."""
+    """Return u and lambda at turning points, (len(turns), len(x)). Slip zones must not grow from turn to turn."""
     u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
     for n, swing in enumerate(np.diff(turns), start=1):
         # Friction rises from 0 to g in the first loading, and from -g to g after a reversal.

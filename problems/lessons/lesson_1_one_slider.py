@@ -99,7 +99,7 @@ block_and_spring()
 #
 # If the minimum of $P$ lies at the kink, the block sticks. If not, the derivative of $P$ vanishes at the minimum: at
 # $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
-# the old position, clipped to the interval between these two positions:
+# the old position, clipped to the interval between $(f - w)/K$ and $(f + w)/K$:
 #
 # $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 

@@ -40,8 +40,9 @@ def cell_stiffness(x, Lambda, mu, eta):
 
 # %% [markdown]
 # **1.** On a triangle exactly one linear field has the six vertex values of $v$. It is harmonic, and linear on every
-# edge. Only one such field has given vertex values, so $v$ is this field, and $\Pi v = v$. The method is P1 finite
-# elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the lesson.
+# edge. So is $v$. Vertex values determine a field with these two properties. Hence $v$ is the linear field, and
+# $\Pi v = v$. The method is P1 finite elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the
+# lesson.
 
 # %%
 triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])

@@ -91,7 +91,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """One side has a linear displacement, two sides have one component of it; tractions load the free components."""
+    """A linear displacement is given on one side, and one component on two sides. Tractions load other components."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)

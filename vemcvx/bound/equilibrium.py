@@ -9,8 +9,8 @@ The unknowns are edge motions m, linear on every edge, with jumps at vertices. A
 exerts the forces G m on edges, and constant forces due to loads and sigma_0. On every edge, the forces of both cells
 cancel.
 
-Let v be the displacement of the run. Linear tractions do the same work on the edge motions L v as on v. We compute
-x = m - L v, which has smaller rounding errors than m.
+Let v be the displacement of the run. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v
+as on v. We compute x = m - L v, which has smaller rounding errors than m.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Solve P' G x = P' given for x = P y, to rounding errors of the largest force."""
+        """Return x = P y with P' (G x - `given`) = 0, up to rounding errors of the largest force."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
-        # Correct x while corrections halve the residual: near nu = 1/2, a digit takes several.
+        # Near nu = 1/2, several corrections gain one digit. Stop if the residual is not halved.
         while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             left = given - self.forces(x)
@@ -139,7 +139,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
 
 
 def axes_of(projectors: Floats) -> tuple[Ints, Floats]:
-    """Return numbers of projectors, and unit vectors onto which the projectors project."""
+    """Return the axes of all projectors: the index of the projector, and a unit vector, for each axis."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
     return which, vectors[which, :, axis]

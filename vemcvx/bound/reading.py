@@ -15,9 +15,9 @@ shear modulus mu, the length l_e of an edge, and the longest side d_K of the box
     gaps d              none; w changes by d         2 mu max |d|^2
 
 The solutions for the data and for the fits differ by at most eta, also with friction. Poincare inequalities give at
-most l_e / (2 mu) |t|^2_e on an edge of a half space, and d_K^2 / (9 mu) |f|^2_K in a cell. The exact factor on a half
-space is (3 - 4 nu) / pi <= .96 instead of 1. Half of each value suffices, because remainders are orthogonal to linear
-functions. Changes of data between the evaluated points may be missed.
+most l_e / (2 mu) |t|^2_e on an edge of a half space, and d_K^2 / (9 mu) |f|^2_K in a cell. On the half space, the exact
+value is (3 - 4 nu) / pi <= .96 times l_e / (2 mu) |t|^2_e. Half of the two values suffices, because remainders are
+orthogonal to linear functions. Changes of data between the evaluated points may be missed.
 """
 
 from __future__ import annotations

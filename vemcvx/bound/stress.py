@@ -8,8 +8,8 @@ normal n. Stresses tau^ on the reference triangle are mapped by the matrix B of 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B.
 
 A linear traction t is given by two integrals int t phi, where phi is 1 at one end of the edge and 0 at the other end. A
-linear body force f is given by F_k = int f lambda_k with barycentric coordinates lambda_k. The force f is the sum of a
-force that is constant on each part, with the same F_k, and a rest. The rest causes stresses of degree 2 without
+linear body force f is given by F_k = int f lambda_k with barycentric coordinates lambda_k. On each part, f is the sum
+of a constant force and a rest. The constant forces have the same F_k as f. The rest causes stresses of degree 2 without
 tractions on edges.
 
 Let m be edge motions, linear on each edge. The stress of a triangle maximises
@@ -17,7 +17,7 @@ Let m be edge motions, linear on each edge. The stress of a triangle maximises
     sum over edges  int tau n . m  -  (tau, C^-1 tau) / 2
 
 among the stresses in balance with f. This stress is linear in m and F. The maximum is half a quadratic form of m and F.
-Spokes are the edges at the centre of a fan. The motions of spokes are eliminated: both tractions on a spoke cancel.
+Spokes are the edges at the centre of a fan. Both tractions on a spoke must cancel. So the motions of spokes drop out.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix from tau at stations to tau n, or to div tau without `n`."""
+    """Return the matrix from tau at stations to tau n, or to div tau if `n` is None."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -91,7 +91,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """Return stresses of degree 2, of least mean square, for which `_conditions` are `data`."""
+    """Return the stresses tau of degree 2 and least mean square with `_conditions` @ tau = `data`."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T

@@ -67,5 +67,5 @@ def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
     except (OSError, ValueError, csv.Error) as error:
         raise ProblemError(
             f"--measured: {path} cannot be read: {error}. Wanted a table with commas. Its first line names a column t "
-            'and quantities such as "reaction of top x"; every other line has a number, or nothing, for each of them.'
+            'and quantities such as "reaction of top x". Each later line has a number or nothing in each column.'
         ) from error

@@ -18,13 +18,12 @@
 - c is CONSTANT or, in space, IN_SPACE (docs/theory/error_estimates.md).
 - h_K is the longest side of the box that has the same second moments as K. l_e is the width of K along an edge.
 - In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K), where K has the diameter D_K and N_K vertices.
-  There the pressure q is constant in each cell, and minimises the sum of all terms with q.
+  The pressure q in space is constant in each cell, and minimises the sum of all terms with q.
 - t_e is the mean of t over a side. f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction
   bounds and gaps that are not linear between nodes add similar terms (:mod:`vemcvx.bound.reading`).
-- d_e is the mean width of both cells *across* e. Let T be a triangle on e with apex a and height d, and w the
-  interpolation error of a test function. The integral of div((x - a) w^2) over T gives
-
-    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     if |w|_T <= C d |grad w|_T.
+- d_e is the mean width of both cells *across* e. Residuals on e have this weight, because the interpolation error w
+  of a test function in a triangle T of height d on e obeys |w|^2_e <= d |grad w|^2_T, up to a constant, if
+  |w|_T <= d |grad w|_T.
 
 The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani,
 Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
@@ -60,18 +59,18 @@ SPATIAL_FACTOR = 7.0  # the factor in s
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSides:
-    """Geometry of cells, f inner sides and b outer sides."""
+    """The geometry of n_cells cells, n_inner inner sides and n_outer outer sides."""
 
-    inner: Ints  # cells of inner sides (f, 2)
-    inner_normals: Floats  # unit normals (f, dim) from the first cell to the second
-    inner_sizes: Floats  # lengths or areas (f,)
-    outer: Ints  # cells of outer sides (b,)
-    normals: Floats  # outward unit normals (b, dim)
-    sizes: Floats  # lengths or areas (b,)
-    shares: sp.csr_matrix  # integrals of basis functions over outer sides (b, n_nodes)
+    inner: Ints  # cells of inner sides (n_inner, 2)
+    inner_normals: Floats  # unit normals (n_inner, dim) from the first cell to the second
+    inner_sizes: Floats  # lengths or areas (n_inner,)
+    outer: Ints  # cells of outer sides (n_outer,)
+    normals: Floats  # outward unit normals (n_outer, dim)
+    sizes: Floats  # lengths or areas (n_outer,)
+    shares: sp.csr_matrix  # integrals of basis functions over outer sides (n_outer, n_nodes)
     joints: Joints  # interfaces of two bodies
     numbers: Callable[[Ints], Ints]
-    """positions in `outer` of edges, faces, or ends as in `ContactRows.names`"""
+    """map from edges (k, 2) or faces (k,) to positions in `outer`"""
     corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) and coordinates (c, dim) of corners
     edges: tuple[Ints, Ints]  # cells (e,) and end nodes (e, 2) of edges
     arms: tuple[Ints, Floats]
@@ -214,7 +213,7 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return the forces on outer sides from the forces per area of rows."""
+        """Return forces on outer sides from `values`, the force per area for each contact row."""
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])
@@ -247,7 +246,7 @@ class Residuals:
     def data(self, now: Instant, strain: Floats) -> Floats:
         """Return the part of eta_K^2 due to errors of assembled data."""
         sides, count, (offsets, x) = self.sides, len(self.sides.outer), self.sides.corners
-        # An integral over K is about |K| / 3 times the mean over vertices.
+        # int_K (f - f_K)^2 is about |K| / 3 times the mean of (f - f_K)^2 over vertices.
         owner, found = cell_of_corner(offsets), np.zeros(self.mesh.n_cells)
         weights = (self.mesh.measures / 3.0 / np.diff(offsets))[owner]
         if varies_in_place(self._parts):

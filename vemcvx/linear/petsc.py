@@ -69,7 +69,7 @@ class PETSc(Iterative):
 
 
 class PETScFactor(IterativeFactor):
-    """A distributed matrix K. The ranks hold the last used matrix."""
+    """A distributed matrix K. The ranks hold one matrix at a time."""
 
     def __init__(self, limits: PETSc, K: sp.csr_matrix, near_kernel: Floats | None, ranks: Ranks):
         # PETSc treats singular values below 1e-12 as zero, whatever the unit, so K is scaled.

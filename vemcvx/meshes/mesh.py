@@ -297,8 +297,8 @@ class Mesh(ABC):
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split, tetrahedra into two or more parts. By default all cells are split, tetrahedra into eight or
-            more parts. Further cells are split until an edge has at most one hanging node, in space none.
+            Cells to split. Tetrahedra are split into two or more parts. By default all cells are split, and tetrahedra
+            into eight or more parts. Further cells are split until an edge has at most one hanging node, in space none.
 
         Raises
         ------

@@ -225,9 +225,9 @@ def _by_name(
         if name not in found:
             there = ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
             raise MeshError(
-                f"bodies: interface {name!r} is to join {' and '.join(map(repr, pair))}, which are no two bodies whose "
-                f"boundaries coincide. Interfaces: {there or 'none'}. Bring the bodies together, or give a larger "
-                "tolerance=."
+                f"bodies: interface {name!r} cannot join {' and '.join(map(repr, pair))}: the bodies have no common "
+                f"boundary, or a name is wrong. Interfaces: {there or 'none'}. Bring the bodies together, or give a "
+                "larger tolerance=."
             )
     return found
 

@@ -47,7 +47,7 @@ DERIVED = {
     "energy per area": "{force} {length}/{length}²",
 }
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""Quantity of plane bodies, per length of the boundary -> quantity per length and thickness."""
+"""For plane bodies: quantity per length of the boundary -> quantity per length and thickness."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",

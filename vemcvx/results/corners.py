@@ -7,9 +7,9 @@ contact with friction in two directions. Stress may grow without limit as the me
 - if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
 The source is Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in
-extension*, J. Appl. Mech. 19, 1952. If exactly one side is held in one direction, the body is half of a symmetric body,
-and the angle counts twice. The angles of bodies that meet in a corner add up. Corners between materials, jumps of loads
-or displacements, and edges and corners in space are not examined.
+extension*, J. Appl. Mech. 19, 1952. If one side is held in one direction and the other side is not, we double
+the angle: the body and its mirror image have the same stress. The angles of bodies that meet in a corner add up.
+Corners between materials, jumps of loads or displacements, and edges and corners in space are not examined.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Corners:
         """Return a description of a corner with singular stress, or ""."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # Edges between bodies are sides only at the tip of a crack.
+        if len(nodes) > 1:  # The tip of a crack is a single node, and its sides lie between bodies.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""

@@ -2,8 +2,8 @@
 
 Let A be the stiffness, A_1 the viscosity, and f the loads. Friction has the rows B^ and the forces lam. Obstacles have
 the rows D^ and the forces p. The displacement is u = P y + u_D(t) with free unknowns y. The force of the supports is
-R = A u + A_1 du/dt - f + B^'lam + D^'p with P'R = 0. A quantity is a'u + h'R with vectors a and h, the energy, or the
-losses. If A_1 = 0, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
+R = A u + A_1 du/dt - f + B^'lam + D^'p with P'R = 0. A quantity is the energy, the losses, or a'u + h'R with vectors
+a and h. If A_1 = 0, the derivatives of h'R by y, lam and p are P'A h, B^ h and D^ h.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""The fraction of the requested accuracy or gap for one of several errors that add up."""
+"""The fraction of the requested accuracy or gap that one of several errors may use."""
 TARGET_FRACTION = 0.01
 """The fraction of the requested gap that is negligible."""
 

@@ -215,9 +215,9 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     if ground is None:
         return 0.0
     root, motion = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
-    # A body that follows the ground has the norm far.max(). Rows of zeros have the flexibility 0.
+    # Rows of zeros have the flexibility 0.
     far = np.divide(motion, root, out=np.where(motion > 0, np.inf, 0.0), where=root > 0)
-    return float(min(far.max(initial=0.0), w @ root))  # friction causes at most w @ root
+    return float(min(far.max(initial=0.0), w @ root))  # norms if the body follows the ground, and with all friction
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
@@ -408,7 +408,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
                 "friction at the first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
-            # Stresses may relax to rounding: errors stay relative to the norm of P^h u_0.
+            # Nearly all stress may vanish here, so errors are relative to the norm of P^h u_0.
             return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
     if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
@@ -443,7 +443,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
                 "use 'settled' (one step from zero) or a given state."
             )
         return run.condensation.response(now.force)
-    return finite(as_shaped_array(initial, "initial", f"{n} finite values, one an unknown", (n,)), "initial")
+    return finite(as_shaped_array(initial, "initial", f"{n} finite values, one per unknown", (n,)), "initial")
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:

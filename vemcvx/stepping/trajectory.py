@@ -121,7 +121,7 @@ class Trajectory(ArrayRecord):
     iterations : (N + 1,) array of int
         Iterations of the solver.
     given_friction : (N + 1,) array of bool
-        True if the certificate holds for the weights at the answer, which depend on pressures or may fall with slip.
+        True if the certificate holds only for the computed weights, which depend on pressures or may fall with slip.
     unit : (N + 1,) array
         Norm by which errors are divided: the largest energy norm so far, or a norm of the data while states are tiny.
     seconds : dict
@@ -213,7 +213,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        For given weights without limits, it bounds |u_n - u_n*|_a / `unit` with the exact states u_n*.
+        With given weights and no limits, |u_n - u_n*|_a is at most this error times `unit`, for the exact states u_n*.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 

@@ -183,10 +183,10 @@ def flag(raw: Any, name: str) -> bool:
     return bool(raw)
 
 
-def whole(raw: Any, subject: str, name: str, of: str, least: int = 1) -> int:
-    """Return `raw` if it is an integer >= `least`, or raise SceneError."""
-    if not is_whole(raw) or raw < least:
-        raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is a whole number of {of}, at least {least}.")
+def whole(raw: Any, subject: str, name: str, of: str) -> int:
+    """Return `raw` if it is an integer >= 1, or raise SceneError."""
+    if not is_whole(raw) or raw < 1:
+        raise SceneError(f"{subject}: found {name} = {brief(raw)}; it is a whole number of {of}, at least 1.")
     return int(raw)
 
 

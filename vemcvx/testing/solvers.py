@@ -81,9 +81,9 @@ def _cube(*below: Effect) -> Callable[[], System]:
     return lambda: pose_scene(scene, SPACE_FAMILIES["cubes"](2), TIMES.tolist()).system
 
 
-def sliders(block: int, n: int = 6) -> System:
-    """Return n uncoupled sliders with `block` components."""
-    rng = np.random.default_rng(0)
+def sliders(block: int) -> System:
+    """Return six uncoupled sliders with `block` components."""
+    n, rng = 6, np.random.default_rng(0)
     k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
     push = rng.uniform(-1, 1, (n, block))
     push /= np.linalg.norm(push, axis=1)[:, None]

@@ -1,6 +1,6 @@
 """The commands of the program.
 
-A command is a class whose fields are options. The method `__call__` does the work and has the help text as docstring.
+A command is a class. The fields are options, and the docstring of the method `__call__` is the help text.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""`vemcvx compare`: solve one problem by several solvers, and compare their answers and certificates.
+"""`vemcvx compare`: solve one problem by several solvers, and compare answers and certificates.
 
 If friction bounds do not depend on the answer, the states y_n and z_n of two solvers at step n obey
 
     |y_n - z_n|_K <= E_n(y) + E_n(z),    E_n = sum over m <= n of (sqrt(2 gap_m) + sqrt(2 floor_m)).
 
-Here |.|_K is the energy norm, gap_m the duality gap, and floor_m the rounding floor of step m. Certificates are
-*honest* if this holds. Certificates are *good* if they meet the requested accuracy.
+Here |.|_K is the energy norm, gap_m the duality gap, and floor_m the rounding floor of step m. Two certificates are
+*honest* if the inequality holds. A certificate is *good* if the requested accuracy is met.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ Attempt = tuple[Row, Trajectory | None]  # a row that is not compared yet, and i
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """The rows of a comparison; `rigorous` is True if certificates bound distances of answers."""
+    """The rows; `rigorous` is True if certificates bound the distance of two answers."""
 
     rows: tuple[Row, ...]
     most_certain: str | None
@@ -93,7 +93,7 @@ class Comparison:
 
 
 def judge(system: System, attempts: Sequence[Attempt]) -> Comparison:
-    """Compare all attempts with the most certain attempt."""
+    """Compare all answers with the answer of the smallest certified error."""
     answers = [(row.label, run) for row, run in attempts if run is not None and _is_answer(run)]
     label, best = min(answers, key=lambda answer: error_bounds(answer[1])[-1], default=(None, None))
     rigorous = bounds_distance(system)
@@ -148,7 +148,7 @@ def bounds_distance(system: System) -> bool:
     """Return True if certificates bound the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
-    # Without norm terms, damping and rates, steps do not depend on earlier steps.
+    # Without norm terms, damping and rates, each step is independent.
     return system.norms is None and system.damping is None and not system.limits.rates.any()
 
 
@@ -183,7 +183,7 @@ class Compare:
                 words = row.outcome if run is None else f"certified to {run.certified.max():.1e} in {row.seconds:.2f} s"
                 say(f"{i} of {len(solvers)}: {row.label}: {words}", err=True)
                 attempts.append((row, run))
-            # The problem is at fault if all solvers fail with the same error.
+            # If all solvers fail with the same error, the problem is at fault.
             tried = [(row.outcome, row.message) for row, _ in attempts if row.outcome != REFUSED]
             if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
                 raise SceneError(tried[0][1])
@@ -203,8 +203,8 @@ class Compare:
 
 
 def entrants(typed: str, accuracy: float | None) -> list[tuple[Solver, str]]:
-    """Return pairs of a solver and the name of the settings."""
-    # This imports cvxpy, so that the time of the first solver excludes the import.
+    """Return pairs (solver, name of the settings)."""
+    # `list_installed` imports cvxpy before the first timed run.
     every = dict.fromkeys([*NAMES, *(name.lower() for name in list_installed())])
     chosen = parse_list("--solvers", typed, str, "names such as newton,clarabel,SCS, or all")
     spelt = [name if ":" in name else name.lower() for name in chosen]
@@ -248,7 +248,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and the format of numbers or the word for False."""
+"""Heading -> field of `Row`, and format of numbers or word for False."""
 
 
 def _cell(value: object, form: str) -> str:

@@ -61,7 +61,7 @@ class Cost:
         points, path = self.points(problem, targets), problem.path.resolve()
         folder = self.out or Path("results") / f"cost_{problem.name}"
         recipe = partial(pose_point, path, tuple(self.settings))
-        posed = recipe(points[-1])  # An invalid problem fails here once, and not at each point.
+        posed = recipe(points[-1])  # An invalid problem raises one error before the sweep.
         if posed.scene.is_axisymmetric:
             raise ProblemError("cost: found a body of revolution, for which energy errors are not measured.")
         with Owned(folder) as files:

@@ -75,7 +75,7 @@ def version_of(package: str) -> str | None:
 
 
 def _test_chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
-    """Test a solver by a chain of four blocks with friction, of which one is pulled."""
+    """Test a solver by a chain of four blocks with friction; one block is pulled."""
     K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
     system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
     try:

@@ -1,4 +1,4 @@
-"""`vemcvx app`: a marimo page in the browser, on which users change a problem and solve it."""
+"""`vemcvx app`: a marimo page in the browser, to change a problem and solve it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class App:
 
     def __call__(self) -> None:
         """Open a live page: change scene, mesh, friction, load and solver; see stick and slip (needs extra `app`)."""
-        # marimo runs the page for each visitor, and the page reads this variable.
+        # The page reads this variable for each visitor.
         os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.file:
             read_problem(self.file).require("scene")

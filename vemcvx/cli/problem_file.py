@@ -1,4 +1,4 @@
-"""Problem files: Python files that define a scene, a mesh and instants. Errors are reported with file and line."""
+"""Problem files are Python files that define a scene, a mesh and instants."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def execute_file(path: Path, kind: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is a Python file, whose name ends in .py.")
     module, loader = importlib.util.module_from_spec(spec), spec.loader
-    # Dataclasses look up their module by name, and a file may import files beside it.
+    # Dataclasses look up the module by name. A file may import files of the same folder.
     sys.modules[spec.name] = module
     sys.path.insert(0, folder := str(path.resolve().parent))
     try:
@@ -139,12 +139,12 @@ class Problem:
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Return the names and values of parameters in words, with settings "name=value"."""
+        """Return the names and values of parameters as words."""
         values = self._values(settings).items()
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in values]
 
     def numbers(self, settings: Sequence[str] = ()) -> dict[str, float]:
-        """Return the numerical parameters of the scene, with settings "name=value"."""
+        """Return the numerical parameters of the scene."""
         return {name: float(value) for name, value in self._values(settings).items() if is_real(value)}
 
     def _values(self, settings: Sequence[str]) -> dict[str, Any]:
@@ -152,13 +152,13 @@ class Problem:
         return {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD} | given
 
     def combine_settings(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return all combinations of the values in settings "name=value,value"."""
+        """Return all combinations of values in settings "name=value,value"."""
         self._parse_settings(settings)
         typed = [setting.partition("=") for setting in settings]
         return list(product(*(dict.fromkeys(f"{name}={x}" for x in split_values(text)) for name, _, text in typed)))
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
-        """Return the scene, with parameters given as "name=value"."""
+        """Return the scene with the parameters in settings "name=value"."""
         return self._call("scene", **self._parse_settings(settings, "scene"))
 
     @property
@@ -167,7 +167,7 @@ class Problem:
         return callable(getattr(self.module, "stages", None))
 
     def stages(self, settings: Sequence[str] = ()) -> list[tuple[Scene, Floats]]:
-        """Return the scene and the instants of every stage, with parameters given as "name=value"."""
+        """Return the scene and the instants of every stage."""
         made = self._call("stages", **self._parse_settings(settings, "stages"))
         try:
             found = [(scene, check_times(times)) for scene, times in made]
@@ -178,7 +178,7 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return a mesh of a family or a file, by default of the problem's own family."""
+        """Return a mesh of a family or file, by default of the function `mesh`."""
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
             # Scenes of several bodies have names such as "plate.rim" and "plate|pin".

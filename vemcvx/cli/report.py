@@ -68,7 +68,7 @@ def _pictures(history: History, problem: Problem) -> str:
 
 
 def _budget(history: History) -> str:
-    if history.errors:  # an adaptive run, whose results contain its error budget
+    if history.errors:  # Adaptive runs have an error budget.
         return "<p>The error budget of the adaptive run is part of the results.</p>"
     try:
         return error_budget(history).outline().html()

@@ -86,7 +86,6 @@ class Run:
         default = 64 if self.target is None else 8
         steps, n = self.steps or default, self.n or problem.default_n(default, self.mesh)
         stored = int(self.store) if self.store.isdecimal() else self.store
-        # A second run with the same folder is refused.
         locked = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
         with locked as rows, progress_bar("meshing") as show:
             if self.target is None:
@@ -124,7 +123,6 @@ class Run:
         return history, lines
 
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
-        """Run all combinations of settings, and print the table."""
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or self.plot or (self.out is None and self.report):
             raise ProblemError("--set: several runs take no --resume and no --plot; --report needs --out DIR.")
@@ -152,7 +150,6 @@ class Run:
     def _simulate_stages(
         self, problem: Problem, mesh: AnyMesh, store: int | str, *, show: ShowProgress, folder: Path | None
     ) -> tuple[History, list[str]]:
-        """Return the joined history of all stages, and the lines to print."""
         solver, found, lines = make_solver(self.solver, self.accuracy), list[History](), list[str]()
         for k, (scene, times) in enumerate(problem.stages(self.settings), start=1):
             posed = Posed(scene, mesh, times, solver, found[-1] if found else problem.initial)
@@ -198,7 +195,6 @@ class Run:
         return folder, drawings
 
     def _write(self, history: History, problem: Problem, folder: Path | None, n: int, show: ShowProgress) -> list[str]:
-        """Write the history into the folder, and return the lines to print."""
         show("extremes", 0, None)
         extremes, start = list(_extremes(history, problem.units)), time.perf_counter()
         if folder is None:
@@ -237,7 +233,6 @@ def machine_memory() -> float:
 
 
 def _attempt(run: Run) -> tuple[Row, dict[str, str]]:
-    """Return the row of one run in the table, and the units of columns."""
     row: Row = {f"{study.SET}{name}": value for name, value in (one.split("=", 1) for one in run.settings)}
     status, found = call_safely(_execute, run)
     folder = run.out and status == DONE and str(run.out)

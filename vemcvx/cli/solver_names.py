@@ -18,7 +18,7 @@ NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp"
 
 
 def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
-    """Return the solver with this name."""
+    """Return the solver with a name."""
     if ":" in name:
         made = load_from_file(name, option, "solver", "solve(program, target)", _solves)
         solver: Solver = run_user_code(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
@@ -58,7 +58,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver with this name, or None without a name."""
+    """Return the linear solver with a name, or None."""
     if name is None:
         return None
     if ":" in name:
@@ -71,7 +71,7 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Serve PETSc on all ranks but rank 0, and return True on these ranks."""
+    """Serve PETSc, and return True, on all ranks above 0."""
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:

@@ -105,7 +105,7 @@ class ProgressLines:
 
 @contextmanager
 def limit_log(times: int) -> Iterator[None]:
-    """Limit the log inside the block to `times` lines for each text before the colon."""
+    """Log at most `times` lines with the same text before the colon."""
     counts: Counter[str] = Counter()
 
     def is_within_limit(record: logging.LogRecord) -> bool:

@@ -118,7 +118,7 @@ def stressed_body(
     ----------
     history, ax, units : as for `friction_traction`
     step : int, optional
-        A stored step; by default the last step with the largest visible stress, up to 1 %.
+        A stored step; by default the step with the largest visible stress.
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are stresses in the plane. Tension is red, and compression is blue.
     forces : {"contact", "friction", "none"}
@@ -136,7 +136,7 @@ def stressed_body(
     -------
     matplotlib Figure
         Arrows are cut at 1.5 times the 90 % quantile of forces. Closed contact is bold, and hatched where magnification
-        separates two bodies. Up to 1 % of the cells have stresses beyond a pointed end of the colour bar.
+        separates two bodies. The colour bar has the stresses of at least 99 % of the cells.
 
     Raises
     ------
@@ -185,7 +185,6 @@ class _View:
 
 
 def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: Sequence[str] = ()) -> Figure:
-    """Draw coloured cells, contact forces and closed contact of one row of a history."""
     (history, row), (window, units) = at, (view.window, view.units)
     mesh = plane_mesh(history.mesh, "stressed_body")
     seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
@@ -230,7 +229,7 @@ def _check_stress(name: object, history: Results, picture: str) -> None:
 def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
     """Return words for a stress, and the values in cells at all stored steps."""
     if name == "von_mises":
-        history.von_mises(int(history.stored[0]))  # This raises an error if the stress is unknown.
+        history.von_mises(int(history.stored[0]))  # An unknown stress raises an error.
     every = [history.on_cells(int(step)) for step in history.stored]
     if name in EQUIVALENT:
         words, value = EQUIVALENT[name]
@@ -240,17 +239,16 @@ def _stresses(history: Results, name: str) -> tuple[str, list[Floats]]:
 
 
 def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
-    """Return the row of a step, by default of a step with the largest stress."""
     return last_of_largest([np.abs(found).max() for found in stresses]) if step is None else history.row(step)
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map for stresses, and the stresses at both ends."""
+    """Return a colour map, and the stresses at both ends."""
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
-    # The map ends at the 99 % quantile, because stress at corners is unbounded.
+    # Stress at corners is unbounded, so the map ends at the 99 % quantile.
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
-        # Draw a constant stress in the middle colour of the map.
+        # A constant stress has the middle colour.
         top *= 2.0
     if name in UNSIGNED:
         return style.SIZE, (0.0, top)
@@ -260,7 +258,6 @@ def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
 
 
 def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
-    """Return the outlines of areas between the separated sides of closed contact."""
     contact = history.contact
     if not contact.closed[row].any():
         return []
@@ -280,7 +277,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     sizes = np.linalg.norm(every[:, seen], axis=2)
     if not sizes.any() or view.forces == "none":
         return 0.0, 0.0
-    # Arrows are cut, because forces at corners are unbounded.
+    # Forces at corners are unbounded.
     loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
     cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
@@ -295,7 +292,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     heads, arrows = tips[row], lengths[row]
     beside, joined = 0.03 * size * contact.normals[shown] / flat, contact.partners[shown] >= 0
     if not together:
-        # Between two bodies, draw friction just inside both bodies, in opposite directions.
+        # Between two bodies, friction has an arrow in each body.
         heads = heads + np.where(joined, -1.0, 1.0)[:, None] * beside
         heads = np.concatenate([heads, places[contact.partners[shown[joined]]] + beside[joined]])
         arrows, sticks = np.concatenate([arrows, -arrows[joined]]), np.append(sticks, sticks[joined])
@@ -307,7 +304,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
         canvas.draw_arrows(ax, heads[chosen], arrows[chosen], **look).set_in_layout(False)
         marks: dict[str, Any] = {"markersize": 14, "markeredgewidth": 250 * width, "linestyle": "none", "color": colour}
         ax.plot([], [], marker="$\\rightarrow$", label=FORCES[view.forces] + state, **marks)
-    # Leave the same room beside the body at all steps.
+    # All steps have the same room beside the body.
     room = [*tips, *(tips - lengths)] if together else [end + 2.0 * beside for end in extent(history, factor)]
     ax.update_datalim(np.concatenate(room))
     return float(sizes[row].max(initial=0.0)), cut
@@ -390,7 +387,6 @@ def has_pyvista() -> bool:
 def _render(
     surface: tuple[Floats, Ints, Ints], values: Floats, colours: Colours, frame: Floats, towards: Floats
 ) -> NDArray[np.uint8]:
-    """Return an image of coloured polygons in parallel projection."""
     if not has_pyvista():
         raise VemcvxError(MISSING)
     import pyvista

@@ -29,7 +29,7 @@ ARC = "$s$"
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact nodes of a plane body along a line."""
+    """The contact nodes of plane bodies along a line."""
 
     order: Ints  # (m,) rows of the contact arrays
     position: Floats  # (m,) positions on the line
@@ -79,7 +79,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     path = contact_path(mesh, contact)
     sides, order = path.sides, path.rows
     length = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
-    # Separate pieces are two cells apart on the line.
+    # Pieces of contact are two cells apart on the line.
     ends = path.s[np.append(np.diff(path.pieces) > 0, True)] + 2 * mesh.h
     arc = path.s + np.append(0.0, np.cumsum(ends))[path.pieces]
     halves = np.zeros((2, mesh.n_nodes))
@@ -147,7 +147,7 @@ def friction_traction(
     ax = canvas.axes_or_new(ax, 6.4, 3.6)
     for chosen, colour, _, state in kinds:
         for start, stop in line.spans(chosen):
-            # Hatching shows in grey print.
+            # Hatches are visible in grey print.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
     bound = contact.bound[row, line.order]
     for side, name in ((bound, "bound $\\pm g$"), (-bound, None)):
@@ -255,7 +255,7 @@ PROFILES: dict[str, tuple[str, str, str, Along]] = {
     "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda h, on: on.along(slips(h))),
     "wear": ("energy per length", "friction work", "Wear, as friction work", lambda h, on: h.contact.wear[:, on.order]),
 }
-"""Quantity, label, title and values of curves along contact."""
+"""Quantity, label, title and values of each curve."""
 
 
 def along_contact(

@@ -1,6 +1,6 @@
 """Faces of contact in space, each seen along the mean of its normals.
 
-A node owns a quadrilateral of each face: its corners are the node, the midpoints of two edges, and the centroid.
+In each adjacent face, a node owns the quadrilateral of the node, two midpoints of edges, and the centroid.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ HIDDEN = "contact goes round the body, and no view shows all of it; open the VTU
 
 @dataclass(frozen=True)
 class ContactFace:
-    """A face of contact in space, with its projection into the plane of the picture."""
+    """A face of contact in space, projected into the plane of the picture."""
 
     history: Results  # the history at the contact nodes of this face
     frame: Floats  # (2, 3) unit vectors to the right and up
     labels: tuple[str, str]  # names of the coordinates to the right and up
     corners: Floats  # (k, 4, 2) quadrilaterals that make up the face
-    owners: Ints  # (k,) position in the contact arrays of each owner
+    owners: Ints  # (k,) positions of the owners in the contact arrays
 
     @property
     def places(self) -> Floats:
@@ -48,7 +48,7 @@ class ContactFace:
 
 
 def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactFace]:
-    """Return the visible faces of contact by names of interfaces, or by "obstacles"."""
+    """Return the visible faces of contact by name of the interface, or "obstacles"."""
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("contact_face: this body is plane; friction_traction and stick_slip_map draw its contact.")
@@ -60,7 +60,7 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     if on is not None and on not in known:
         raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
     known = known if on is None else [on]
-    # If normals disagree, their mean is short, and no view shows the whole face.
+    # A short mean belongs to a face that no view shows completely.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
 
@@ -74,7 +74,6 @@ def _face(history: Results, rows: Bools, normal: Floats) -> ContactFace:
 
 
 def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Return two unit vectors normal to `mean`, to the right and up, and their names."""
     length, axis = np.linalg.norm(mean), int(np.argmax(np.abs(mean)))
     right, up = (k for k in range(3) if k != axis)
     if abs(mean[axis]) > (1 - SAME) * length:
@@ -85,7 +84,6 @@ def _frame(mean: Floats) -> tuple[Floats, tuple[str, str]]:
 
 
 def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
-    """Return the quadrilaterals (k, 4, 3) of the faces of contact, and their owners (k,)."""
     normal, joined = np.zeros_like(mesh.points), contact.partners >= 0
     normal[contact.nodes] = contact.normals
     # Row 0: contact with obstacles. Row 1: contact at interfaces.
@@ -129,24 +127,23 @@ def contact_face(
     ----------
     history, step, ax, units : as for `friction_traction`
     on : str, optional
-        Draw only the face of this interface, or of "obstacles"; by default there is a panel for each interface and one
-        for all obstacles.
+        An interface, or "obstacles"; by default there is a panel for each interface and one for all obstacles.
     show : {"states", "pressure", "friction", "wear"}
-        The meaning of colours: stick, slip and open contact, or the size of a field.
+        Colours show stick, slip and open contact, or the size of a field.
     window : ((low, high), (low, high)), optional
         Draw only this part, in units of length.
 
     Returns
     -------
     matplotlib Figure
-        The part of the face that a node owns has the colour of the node. Arrows show the slip since the last stored
-        step (of the first body against the second). The title contains the largest slip.
+        Each node colours a part of the face. Arrows show the slip of the first body since the last stored step. The
+        title contains the largest slip.
 
     Raises
     ------
     SceneError, HistoryError
-        The body is plane or has no contact there, contact goes round the body, there are several faces for one `ax`,
-        the step was not stored, or an argument is invalid.
+        The body is plane, no face of contact is visible, several faces have one `ax`, the step was not stored, or an
+        argument is invalid.
 
     Examples
     --------
@@ -190,7 +187,6 @@ def _panels(history: Results, on: str | None, ax: Axes | None) -> Iterator[tuple
 
 
 def _states(face: ContactFace, row: int) -> Ints:
-    """Return the state of each contact node, as a position in `AREAS`."""
     contact = face.history.contact
     return np.where(is_idle(face.history)[row], 2, np.where(contact.sticking[row], 0, 1))
 

@@ -1,4 +1,4 @@
-"""Pictures of energies and forces over a run; all pictures of a history as files, and films."""
+"""Pictures of energies and forces over a run, files of pictures, and films."""
 
 from __future__ import annotations
 
@@ -80,7 +80,6 @@ def _energies(ax: Axes, history: Results, words: str) -> None:
 
 
 def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
-    """Draw the finite intervals in `between` as bars."""
     known = np.isfinite(between).all(axis=1)
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
@@ -105,8 +104,8 @@ def hysteresis_loop(
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        By default the boundary whose prescribed displacement has the longest path. If no support moves, the boundary
-        of the load that changes most.
+        By default the driven boundary with the longest path. If no support moves, the boundary of the load that
+        changes most.
 
     Returns
     -------
@@ -135,7 +134,7 @@ def hysteresis_loop(
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
     canvas.light_grid(ax)
-    ax.locator_params(axis="x", nbins=6)  # Small motions have long labels.
+    ax.locator_params(axis="x", nbins=6)  # Labels of small motions are long.
     canvas.legend_below(ax)
     x = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units)
     y = label(loop.kind, "force", units) + ", per thickness" * _is_plane(history)
@@ -222,7 +221,7 @@ SUFFIXES = ".png", ".svg", ".pdf"
 
 
 def omissions(history: Results) -> list[str]:
-    """Return the pictures in space that cannot be drawn, with reasons."""
+    """Return sentences on pictures in space that cannot be drawn."""
     if _is_plane(history):
         return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)
@@ -321,7 +320,7 @@ def animate(
     figure = canvas.new_figure(*size_of_page(history))
     writer = canvas.film_writer(kinds[path.suffix], rate)
     frames = _frames(history, figure, magnify=magnify, units=units)
-    # Wrong arguments raise errors here, before an existing file is replaced.
+    # Wrong arguments raise errors before an existing file is replaced.
     next(frames)
     try:
         with writer.saving(figure, path, 110):

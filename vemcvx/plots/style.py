@@ -1,7 +1,7 @@
-"""The common style of all pictures: colours by meaning, labels with units, and one scale for all stored steps.
+"""The common style of all pictures: colours, labels and scales.
 
-Colour-blind readers can tell the colours apart (after Okabe and Ito). Areas also differ in grey print. Labels contain
-units if the user has named units, else quantities. Magnifications, colour scales and frames are the same at all steps.
+Colour-blind readers can tell the colours apart (Okabe and Ito). Areas also differ in grey print. Labels contain names
+of units, or else quantities. Magnifications, colour scales and frames are the same at all steps.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, SECOND, THIRD = "#0072B2", "#D55E00", "#009E73"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
-MARKERS = "osD^vPX*"  # Markers of the curves in SERIES, for grey print.
+MARKERS = "osD^vPX*"  # markers of curves, for grey print
 TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"  # colour maps; SIZE is for fields without a sign
 SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
 """Colours from compression (light) to tension (dark)."""
-EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # Curves get darker with time.
+EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")  # colours of curves, darker with time
 
 Units = Mapping[str, str]
 Window = tuple[tuple[float, float], tuple[float, float]]
@@ -47,7 +47,7 @@ DERIVED = {
     "energy per area": "{force} {length}/{length}²",
 }
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""For plane bodies: quantity per length of the boundary -> quantity per length and thickness."""
+"""Quantity per length of a plane boundary -> quantity per length and thickness."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -80,7 +80,7 @@ def amount(value: float, quantity: str, units: Units) -> str:
 
 
 def in_units(product: str, units: Units | None) -> str:
-    """Return a unit of tables, such as "force/length²", with the given names of units."""
+    """Return a unit of tables, such as "force/length²", in names of units."""
     return unit(units, WORDS.get(product, product)) if units else product
 
 
@@ -149,7 +149,7 @@ def round_down(wanted: float, largest: float) -> float:
         return 1.0
     factor = wanted / largest
     power = 10.0 ** np.floor(np.log10(factor))
-    # The factor is rounded; without the tolerance SAME, 5 could become 2.
+    # Without the tolerance SAME, rounding could turn 5 into 2.
     return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + SAME)))
 
 
@@ -172,7 +172,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
-    # On 99 % of the edges, the ends move apart by at most half the length.
+    # At least 99 % of the edges stretch by half their length at most.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 

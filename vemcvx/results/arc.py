@@ -1,7 +1,7 @@
-"""The arc length s along contact in the plane.
+"""The arc length s along the contact boundary of plane bodies.
 
-The path has the nodes `Contact.nodes`. It runs counter-clockwise round outer boundaries, and clockwise round holes. On
-each piece of contact, s is 0 at the first node. A closed curve begins at the contact node with the lowest number.
+It grows counter-clockwise round bodies, and clockwise round holes. On each piece of the contact boundary, s is 0 at the
+first node. A closed piece begins at the contact node with the lowest number.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from vemcvx.results.contact import Contact
 from vemcvx.vem.boundary import CURVE_ANGLE
 
 ALONG = float(np.cos(0.5 * CURVE_ANGLE))
-"""Smallest cosine between the normals of a contact node and of a side of contact."""
+"""Smallest cosine of the angle between the normals of a contact node and a contact side."""
 
 
 @dataclass(frozen=True)
 class ContactPath:
-    """The nodes of plane contact in order along its pieces."""
+    """Contact nodes in order along the boundary."""
 
-    sides: Ints  # (e, 2) nodes of the sides of contact
-    rows: Ints  # (k,) rows of the nodes in arrays of contact
-    pieces: Ints  # (k,) numbers of pieces, from 0
+    sides: Ints  # (e, 2) nodes of contact sides
+    rows: Ints  # (k,) positions in `Contact.nodes`
+    pieces: Ints  # (k,) piece of each node, from 0
     s: Floats  # (k,) arc length, from 0 on each piece
 
 
 def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
-    """Return the path along contact."""
+    """Return the contact nodes in order along the boundary."""
     points, normal = mesh.points, np.zeros_like(mesh.points)
     normal[contact.nodes] = contact.normals
     sides = mesh.boundaries["boundary"]
@@ -42,7 +42,7 @@ def contact_path(mesh: PolygonMesh, contact: Contact) -> ContactPath:
     row = {node: i for i, node in enumerate(contact.nodes.tolist())}
     following = {a: b for a, b in sides.tolist() if a in row and b in row}
     preceded, found, piece = set(following.values()), dict[int, tuple[int, float]](), 0
-    # Open pieces come first, and begin at nodes without a predecessor.
+    # Open curves begin at nodes without a predecessor. Closed curves come last.
     for start in [n for n in row if n not in preceded] + list(row):
         node, s = start, 0.0
         while node not in found:

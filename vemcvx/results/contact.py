@@ -1,10 +1,10 @@
-"""The contact boundary over time, from the results of a march.
+"""The contact boundary over time.
 
-A contact node has the normal n, the displacement u relative to its partner, and the hat function phi. The slip is
-(I - n n') u minus the motion of the ground. Pressure is normal force divided by int phi over the edges of contact.
-Traction is friction force divided by int phi over the edges with friction. Wear is friction work, and the worn depth is
-proportional to wear (Archard 1953). In one-sided contact, let p be the force, z the normal displacement minus the gap,
-and c = n'A n the stiffness of the node. The node is closed if p + c z >= 0.
+Let u be the displacement of a contact node relative to the partner, and n the normal. The slip is (I - n n') u minus
+the motion of the ground. Let phi be the hat function of the node. The pressure is the normal force divided by the
+integral of phi over contact edges. The traction is the friction force divided by the integral of phi over edges with
+friction. The worn depth is proportional to wear (Archard 1953). In one-sided contact, let p be the contact force, z the
+normal displacement minus the gap, and c the stiffness of the node. The node is closed if p + c z >= 0.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    A node on a boundary with contact or friction is a contact node unless a support fixes its normal displacement.
-    Friction on nodes that a support at rest holds along the boundary is not unique, and is given as 0. In space,
-    lengths are areas.
+    Contact nodes lie on boundaries with contact or friction, unless a support fixes their normal displacement. The
+    friction is 0 at nodes that a support at rest holds along the boundary. In space, lengths are areas.
 
     Attributes
     ----------
@@ -39,7 +38,7 @@ class Contact(ArrayRecord):
     partners : (m,) int
         The nodes of the other body at the same places; -1 for contact with an obstacle.
     points, normals : (m, dim)
-        Coordinates, and outward unit normals, averaged by length at corners.
+        Coordinates, and outward unit normals. At corners, normals are averaged by length.
     slip : (S, m, dim)
         Tangential displacement relative to the partner or the ground.
     traction : (S, m, dim)
@@ -49,18 +48,18 @@ class Contact(ArrayRecord):
     pressure : (S, m)
         Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Friction and pressure to quote and draw. On interfaces of meshes that do not match, they are means over 1.5
-        cells (:mod:`vemcvx.results.contact_tiles`); elsewhere they are `traction` and `pressure`.
+        Traction and pressure to quote and draw. On interfaces of meshes that do not match, they are averaged over 1.5
+        cells (:mod:`vemcvx.results.contact_tiles`).
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
     wear : (S, m)
         Friction work since the initial instant, per length. The total work is ``wear @ friction_lengths``.
     accumulated_slip : (S, m)
-        Length of the path of slip, to and fro, since the initial instant.
+        Length of the path of the slip since the initial instant.
     closed : (S, m) bool
-        True where the node touches an obstacle along at least one of its normals; True at nodes without obstacles.
+        True where the node touches an obstacle, and at nodes without obstacles.
     lengths, friction_lengths : (m,)
-        Integrals of the node's hat function over the edges of contact, and over the edges with friction.
+        Integrals of the node's hat function over contact edges, and over edges with friction.
 
     Examples
     --------
@@ -83,14 +82,14 @@ class Contact(ArrayRecord):
     pressure_recovered: Annotated[Floats, "S m", "force/length"]
     sticking: Annotated[Bools, "S m", ""]
     wear: Annotated[Floats, "S m", "energy/length"]
-    wear_second_order: Annotated[Floats, "S m", "energy/length"]  # `wear` to second order in the step
+    wear_second_order: Annotated[Floats, "S m", "energy/length"]  # wear, accurate to second order in the time step
     accumulated_slip: Annotated[Floats, "S m", "length"]
     closed: Annotated[Bools, "S m", ""]
     lengths: Annotated[Floats, "m", "length"]
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def take(self, nodes: Ints) -> Contact:
-        """Return the contact at the nodes with the given positions."""
+        """Return the contact at some nodes, by position in `self.nodes`."""
         sizes = {name: of.sizes for name, of in array_fields(Contact).items()}
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
@@ -102,7 +101,7 @@ class Contact(ArrayRecord):
 
     @property
     def has_friction(self) -> bool:
-        """True if friction, or its bound, is nonzero at some stored instant."""
+        """True if friction or the friction bound is nonzero at some stored instant."""
         return bool(self.bound.any() or self.traction.any())
 
     @property
@@ -122,7 +121,7 @@ class Contact(ArrayRecord):
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    """Return the contact boundary, given nodal displacements u and forces A u - f."""
+    """Return the contact for displacements u and nodal forces A u - f."""
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
@@ -159,7 +158,6 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
 
 def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
-    """Return the lengths with friction, the friction forces and the cohesion of contact nodes."""
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
     force, given = sum_columns(each, at, m), terms.directed
     if not given.any():
@@ -170,7 +168,7 @@ def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> 
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """Return the motion of the ground along the boundary, averaged where grounds meet."""
+    """Return the tangential motion of the ground at contact nodes."""
     terms = posed.terms
     if terms.reported is None:
         return 0.0
@@ -212,7 +210,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
-    """Return the sums of `values` at contact nodes per length, or 0 for length 0."""
+    """Return the sums of `values` per length at contact nodes, or 0 for length 0."""
     total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
@@ -226,7 +224,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
-    """Return True (S, m) for nodes that do not slide in the step before an instant."""
+    """Return a mask (S, m) of nodes that do not slide in the step before an instant."""
     sticking = np.ones(slip.shape[:2], dtype=bool)
     smooth = np.setdiff1d(np.arange(slip.shape[1]), at)
     for row, n in enumerate(trajectory.stored):
@@ -243,7 +241,7 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
 
 
 def _is_closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
-    """Return True (S, m) for nodes that touch their obstacle, or cannot open."""
+    """Return a mask (S, m) of nodes that touch an obstacle or cannot open."""
     closed, held = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), posed.obstacles.prescribed
     met = [(posed.obstacles, trajectory.pressures)] if len(posed.obstacles) else []
     if held is not None:

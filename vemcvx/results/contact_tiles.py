@@ -1,16 +1,16 @@
 """Recovered pressure and friction on interfaces of meshes that do not match.
 
 `Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of the hat function.
-If a cell has several sides on an interface, this quotient ripples by O(h) or more. Recovered values on such an
-interface are means over nodes,
+If a cell has several sides on the interface, this quotient ripples by O(h) or more. Recovered values are means over
+nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).
 
-The size of a cell is the total length of the sides on the surface (in space, the square root of the area), and h_i is
-the size of the largest cell at x_i. k_ij is 0 if the normals at i and j differ by `CURVE_ANGLE` or more, or if i and j
-are on different pieces of closed contact. The factors d_i make K |phi| = 1, so that constants are exact (Sinkhorn and
-Knopp, Pacific J. Math. 21 (1967)). K is symmetric, so sum |phi_i| p_i = sum R_i on each piece. No entry of K is
-negative, so compression remains compression. Nodes at corners (in space, also edges) keep R_i / |phi_i|.
+Here h_i is the largest length of a cell at x_i on the interface (in space, the square root of an area). If the normals
+at i and j differ by `CURVE_ANGLE` or more, or closed contact does not connect i and j, k_ij is 0. The factors d_i make
+K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K is symmetric, so
+sum |phi_i| p_i = sum R_i on each piece of closed contact. No entry of K is negative, so compression
+remains compression. Nodes at corners of the interface keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CELLS = 1.5  # Radius of the means in units of h
 
 @dataclass(frozen=True, eq=False)
 class ContactTiles:
-    """The contact nodes, and the pairs of nodes with a common side."""
+    """Contact nodes, and pairs of contact nodes with a common side."""
 
     points: Floats  # (m, dim)
     normals: Floats  # (m, dim)
@@ -44,7 +44,7 @@ class ContactTiles:
 
     @classmethod
     def from_rows(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
-        """Return the tiles of contact rows; row i is at node `at[i]`."""
+        """Return the contact nodes; row i of `rows` is at node `at[i]` of `surface`."""
         owner, (node, other), normals = rows.owners(at), rows.names.T, surface.normals
         there = owner >= 0
         owner, node, other = owner[there], node[there], other[there]
@@ -61,11 +61,11 @@ class ContactTiles:
         corners = np.ones(int(smooth.sum())), (tile[smooth], owner[smooth])
         on = sp.csr_matrix(corners, shape=(len(known), len(surface)))
         size = np.maximum(_cell_sizes(mesh, surface.nodes), _cell_sizes(mesh, surface.partners))
-        reach = CELLS * np.where(size > 0, size, 1.0)  # A single node has no neighbours.
+        reach = CELLS * np.where(size > 0, size, 1.0)  # A single contact node has size 0.
         return cls(mesh.points[surface.nodes], normals, reach, sp.csr_matrix(on.T @ on))
 
     def average(self, forces: Floats, lengths: Floats, closed: Bools) -> Floats:
-        """Return the recovered values for nodal forces (k, m); `lengths` are |phi_i|."""
+        """Return the recovered values (k, m) of nodal forces (k, m); `lengths` (m,) are |phi_i|."""
         found = forces / lengths
         patterns, number = np.unique(closed, axis=0, return_inverse=True)
         for k, pattern in enumerate(patterns):
@@ -74,20 +74,18 @@ class ContactTiles:
         return found
 
     def _means(self, forces: Floats, lengths: Floats, among: Bools) -> Floats:
-        """Return the means p (S, m) over the nodes of the mask `among`."""
         k, d, nearest = self._nearness(among), np.ones(len(lengths)), np.inf
         for _ in range(100):
             off = d * (k @ (d * lengths))
             d /= np.sqrt(off)
             # In exact arithmetic, max |log(off)| does not grow.
             before, nearest = nearest, float(np.abs(np.log(off)).max())
-            if nearest >= before:  # Only rounding remains.
+            if nearest >= before:
                 break
         return (d[:, None] * (k @ (d[:, None] * forces.T))).T
 
     def _nearness(self, among: Bools) -> sp.csr_matrix:
-        """Return the matrix of all k_ij."""
-        from scipy.spatial import cKDTree  # Loading takes .3 s.
+        from scipy.spatial import cKDTree  # The import takes .3 s.
 
         m, chosen = len(self.points), sp.diags_array(among.astype(float))
         _, piece = connected_components(chosen @ self.beside @ chosen)
@@ -114,7 +112,6 @@ def find_unmatched(mesh: Mesh) -> Bools:
 
 
 def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
-    """Return the size (m,) of the largest cell at each node, 0 for node -1."""
     offsets, vertices, cells, sizes = _boundary_sides(mesh)
     on = np.zeros(mesh.n_nodes, dtype=bool)
     on[nodes[nodes >= 0]] = True
@@ -126,7 +123,6 @@ def _cell_sizes(mesh: Mesh, nodes: Ints) -> Floats:
 
 
 def _boundary_sides(mesh: Mesh) -> tuple[Ints, Ints, Ints, Floats]:
-    """Return offsets, nodes, cells and sizes of the boundary sides."""
     sides = mesh.boundaries[WHOLE]
     if isinstance(mesh, PolyhedralMesh):
         offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, sides)

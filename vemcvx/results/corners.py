@@ -8,7 +8,7 @@ contact with friction in two directions. Stress may grow without limit as the me
 
 The source is Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in
 extension*, J. Appl. Mech. 19, 1952. If one side is held in one direction and the other side is not, we double
-the angle: the body and its mirror image have the same stress. The angles of bodies that meet in a corner add up.
+the angle, because the body and the mirror image have the same stress. At a common corner of bodies, angles are added.
 Corners between materials, jumps of loads or displacements, and edges and corners in space are not examined.
 """
 
@@ -71,7 +71,7 @@ def find_sides(posed: PosedScene) -> Sides:
 
 
 def _owns_end(rows: ContactRows, edges: Ints, some: Bools | slice = slice(None)) -> Bools:
-    """Return a mask of the edges at whose ends rows act."""
+    """Return a mask of the edges with contact rows."""
     return are_among(np.sort(edges, axis=1), np.sort(rows.names[rows.ends[some].indices], axis=1))
 
 
@@ -100,7 +100,7 @@ class Corners:
         """Return a description of a corner with singular stress, or ""."""
         nodes = self._place(node)
         at = np.flatnonzero(np.isin(sides.edges, nodes).any(axis=1))
-        if len(nodes) > 1:  # The tip of a crack is a single node, and its sides lie between bodies.
+        if len(nodes) > 1:  # At the tip of a crack, `nodes` has one node.
             at = at[~self._between_bodies(sides.edges[at])]
         if len(at) != 2:
             return ""
@@ -138,7 +138,7 @@ class Corners:
         return (1, "contact") if touches else (0, "open contact")
 
     def _angle(self, nodes: Ints) -> float:
-        """Return the sum of the angles of all cells at these nodes."""
+        """Return the sum of the angles of all cells at `nodes`."""
         mesh = self.mesh
         assert isinstance(mesh, PolygonMesh)
         at, following = np.flatnonzero(np.isin(mesh.vertices, nodes)), next_corner(mesh.offsets)

@@ -83,11 +83,11 @@ def read_archive(path: Path) -> Results:
     """Read an archive of :func:`write_archive`, or raise HistoryError."""
     try:
         arrays = read_arrays(path)
-    except Exception as error:  # Damage may raise any error.
+    except Exception as error:  # Damaged files may raise any error.
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:
         return _history(arrays)
-    except Exception as error:  # The contents may be anything.
+    except Exception as error:  # Foreign files may raise any error.
         raise HistoryError(f"{path}: not a history of this version: {error}. Run the problem again.") from error
 
 
@@ -102,14 +102,13 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim})
     known = {name: about[name] for name in PLAIN} | {"mesh": mesh, "scene": None}
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
-    # Files do not keep a class defined by the user.
+    # Files do not keep user-defined classes.
     known["stabilisation"] = VertexWeights(arrays[WEIGHTS]) if WEIGHTS in arrays else None
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     return record_of(Results, arrays, known)
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
-    """Raise ValueError unless the shapes of all arrays agree."""
     for name, (names, kind, *_) in ARRAYS.items():
         if name not in arrays:
             continue
@@ -134,7 +133,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
         return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
     named, data = under("boundary."), under("cell_data.")
-    named.pop("boundary")  # Every mesh computes its whole boundary.
+    named.pop("boundary")  # The mesh computes this boundary.
     solid = "mesh.face_cells" in arrays
     matched = {}
     for name, (one, other) in bodies.items():
@@ -157,7 +156,7 @@ class Origin:
 
     problem: str = "unnamed"
     family: str | None = None  # The family of meshes, or the mesh file.
-    n: int | None = None  # Cells across the shortest side, the argument of the family; None for a file.
+    n: int | None = None  # Number of cells across the shortest side; None for a file.
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
@@ -273,7 +272,6 @@ def _write_series(history: Results, folder: Path) -> None:
 
 
 def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
-    """Return displacement and contact as nodal fields."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
     if history.is_axisymmetric:
@@ -296,7 +294,6 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
 
 
 def _files_of_history(folder: Path) -> set[str]:
-    """Return the file names of the history in a folder."""
     if not _is_archive(folder / ARCHIVE):
         return set()
     return {ARCHIVE, SERIES, SUMMARY, *FILES.values()} | {name for name in os.listdir(folder) if STEP.fullmatch(name)}

@@ -1,17 +1,16 @@
-"""The forces on the boundary, by the effect that causes them.
+"""The forces of effects on the boundary.
 
-Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix (or zero), and f the loads.
-Friction has the rows B^ u and the multipliers lam, obstacles the rows D^ u and the forces p, supports and bilateral
-contact the rows A_s u and the forces mu. The forces on the nodes are
+Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix, and f the loads. B^ u has the
+slips, D^ u the displacements towards obstacles, and A_s u the displacements held by supports and bilateral contact. The
+vectors lam, p and mu are the forces of friction, obstacles and supports. The forces on the nodes are
 
     R = A u + A_1 du/dt - f = A_s' mu - B^' lam - D^' p.
 
-The matrix H of :mod:`vemcvx.scene.supports` has A_s H = I, so mu = H'(R + B^' lam + D^' p). Springs to the ground have
-a stiffness K_s, which is a part of A, and the forces -K_s u.
+The matrix H of :mod:`vemcvx.scene.supports` has A_s H = I, so mu = H'(R + B^' lam + D^' p). Springs to the ground are
+a part K_s of A and exert the forces -K_s u.
 
-The force of a contact row is divided among the ends of the row (:mod:`vemcvx.scene.rows`) in proportion to lengths.
-The force of a support is divided among the sides at the node in proportion to integrals of hat functions. If some sides
-are normal to the direction of the support, the force is divided among these sides.
+The adjacent sides share the force at a node in proportion to integrals of the hat function. If some sides are normal to
+the direction of a support, only normal sides share the force of the support.
 """
 
 from __future__ import annotations
@@ -41,15 +40,15 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Numbers in place of a side: NOWHERE for nodes without a side, ACROSS for nodes of the second body."""
+"""Placeholders for a side: NOWHERE at nodes without a side, ACROSS at nodes of second bodies."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class BoundaryForces(ArrayRecord):
-    """The forces of effects on nodes; each row belongs to a node and a side."""
+    """The forces of effects, one row per node and side."""
 
-    causes: Annotated[Ints, "acting 2", ""]  # numbers of one or two effects; -1 for none
-    ends: Annotated[Ints, "acting 2", ""]  # node, and the other node of the edge (in space: face)
+    causes: Annotated[Ints, "acting 2", ""]  # effect numbers, -1 for none
+    ends: Annotated[Ints, "acting 2", ""]  # node, and the second node of the edge (in space: the face)
     held: Annotated[Bools, "acting", ""]  # True for supports
     force: Annotated[Floats, "S acting dim", "force"]
     loads: Annotated[Floats, "S loads dim", "force"]  # total force of each load
@@ -68,7 +67,7 @@ class _Rows(NamedTuple):
 
 
 def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> BoundaryForces:
-    """Return the forces of effects; `forces` (S, n_nodes, dim) are R."""
+    """Return the forces of effects; the argument `forces` (S, n_nodes, dim) is R."""
     S, dim = len(u), u.shape[2]
     instants: list[float] = trajectory.times[trajectory.stored].tolist()
     rubbing = -np.einsum("smb,mbd->smd", trajectory.multipliers, posed.terms.tangents)
@@ -100,7 +99,6 @@ def boundary_forces(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _list_contact(
     posed: PosedScene, rows: ContactRows, parts: Sequence[ContactSurface], kind: str, force: Floats
 ) -> Iterator[_Rows]:
-    """Yield the forces of contact rows on nodes, then the opposite forces on partners."""
     each = rows.ends.tocoo()
     share = each.data / rows.lengths[each.row]
     causes = _owners(rows.nodes[each.row], rows.partners[each.row], rows.names[each.col, 1], parts, posed.causes[kind])
@@ -113,7 +111,6 @@ def _list_contact(
 
 
 def _owners(nodes: Ints, partners: Ints, beyond: Ints, parts: Sequence[ContactSurface], causes: Ints) -> Ints:
-    """Return the numbers (k, 2) of up to two effects at each end."""
     found = np.full((len(nodes), 2), -1)
     wanted = np.column_stack([nodes, partners, beyond])
     for part, cause in zip(parts, causes.tolist(), strict=True):
@@ -136,7 +133,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # Pins bear no force; on an axis of revolution, the force vanishes as h -> 0.
+        # No effect causes the support, or the axis of revolution holds the nodes.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions
@@ -174,7 +171,7 @@ def _distribute(
 
 
 def _shares(posed: PosedScene, cause: int, nodes: Ints, directions: Floats | None) -> tuple[Ints, Ints, Floats]:
-    """Return the shares of nodal forces: position in `nodes`, node and side, fraction."""
+    """Return positions in `nodes`, pairs (node, side) and shares of the force."""
     effect: Effect = posed.scene.canonical[cause]
     named = [on for on in np.atleast_1d(getattr(effect, "on", "boundary")) if on in posed.space.mesh.boundaries]
     ends = posed.space.part(named or "boundary", type(effect).__name__, contact=True).ends
@@ -212,7 +209,7 @@ Cause = str | Effect | type[Effect]
 
 
 class ActingForces:
-    """The methods of a history for forces of effects and forces on boundaries."""
+    """The methods of a history for forces and moments."""
 
     mesh: Mesh
     scene: Scene | None
@@ -222,7 +219,7 @@ class ActingForces:
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True for a body of revolution; forces, works and energies then belong to the full turn."""
+        """True for a body of revolution, with forces and energies of the full turn."""
         return len(self.moduli) == AXISYMMETRIC
 
     @cached_property
@@ -232,7 +229,7 @@ class ActingForces:
     def reaction(self, name: str) -> Floats:
         """Return the total force (S, dim) that supports of a boundary exert on the body.
 
-        At a node on two boundaries, the force of a support is divided (:mod:`vemcvx.results.forces`).
+        Two boundaries share the force at a common node (:mod:`vemcvx.results.forces`).
 
         Raises
         ------
@@ -252,13 +249,13 @@ class ActingForces:
         Parameters
         ----------
         of : str, effect or class of effects
-            An effect of the scene; a class such as ``vx.TrescaFriction``, for all effects of this class; or the name of
-            a boundary, for contact, friction and springs. On an interface, the force acts on the first body.
+            An effect of the scene, or a class such as ``vx.TrescaFriction`` for all effects of the class. The name of a
+            boundary stands for contact, friction and springs. On an interface, the force acts on the first body.
 
         Raises
         ------
         SceneError
-            There is no such boundary or effect, or two effects share the force on some sides.
+            The boundary or effect does not exist, or two effects share the force on some sides.
         """
         if isinstance(of, str):
             return _total(self.acting.force[:, self._through(of, "force") & ~self.acting.held])
@@ -280,7 +277,7 @@ class ActingForces:
         Raises
         ------
         SceneError
-            As in `force`; also if the effect is a load, or for bodies of revolution.
+            As in `force`, or the effect is a load, or the body is a body of revolution.
         """
         self._space.refuse_revolution("moment")
         points = self.mesh.points
@@ -313,7 +310,6 @@ class ActingForces:
         return self.acting.through(self._space.part(name, subject, contact=True).names)
 
     def _rows_of_effects(self, causes: Ints, subject: str) -> Bools:
-        """Return a mask of the rows of effects, without second bodies of interfaces."""
         acting = self.acting
         mine = np.isin(acting.causes, causes)
         apart = (mine & (acting.causes >= 0)).any(axis=1) & ~(mine | (acting.causes < 0)).all(axis=1)

@@ -42,7 +42,6 @@ def loop_of(history: Results, on: str | None = None) -> Loop | None:
 
 
 def _find_load_loop(history: Results) -> Loop | None:
-    """Return the loop of the load that changes most, or None."""
     if history.scene is None:
         return None
     changes = np.ptp(history.acting.loads, axis=0)
@@ -61,7 +60,7 @@ def _find_load_loop(history: Results) -> Loop | None:
 
 
 def _motion(history: Results, on: str | Sequence[str]) -> Floats:
-    """Return the mean displacement (S, dim) of a boundary, or of the nodes of a body."""
+    """Return the mean displacement (S, dim) of a boundary or body."""
     space = history._space
     if isinstance(on, str) and on not in space.mesh.boundaries and on in space.mesh.cell_data:
         return np.asarray(history.displacement[:, nodes_of(space, on, "hysteresis_loop")].mean(axis=1))
@@ -70,13 +69,11 @@ def _motion(history: Results, on: str | Sequence[str]) -> Floats:
 
 
 def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
-    """Return the effects whose motion is prescribed."""
     kinds = PrescribedDisplacement, Rigid
     return [one for one in history.scene or () if isinstance(one, kinds) and getattr(one, "motion", ()) is not None]
 
 
 def _find_driven(history: Results) -> dict[str, Floats]:
-    """Return the mean motions of driven boundaries and bodies by name."""
     names, along = [str(name) for effect in _movers(history) for name in np.atleast_1d(effect.on)], {}
     if history.scene is None:  # Boundaries with a reaction count as driven.
         held = {

@@ -49,7 +49,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     on = i * mesh.n_cells + owner[s]
     pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:
-        # On interfaces, take cells of the first body if such cells contain the point.
+        # On interfaces, cells of the first body take precedence.
         seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
         second = np.isin(pairs, on[np.isin(a[s] * mesh.n_nodes + b[s], seconds)])
         kept = ~(second & np.isin(pairs // mesh.n_cells, pairs[~second] // mesh.n_cells))

@@ -31,7 +31,7 @@ SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress",
 
 
 def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
-    """Return a sentence if values grow on ever finer meshes, or else an empty string.
+    """Return a sentence if values grow as meshes are refined, or else an empty string.
 
     Let n be the last mesh, and i the last mesh with the cell size h_i >= 1.5 h_n. The values v grow if
     |v_n| > |v_i| (h_i / h_n)^.05.

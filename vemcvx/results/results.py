@@ -57,12 +57,12 @@ class Results(ActingForces):
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
-    growth: dict[str, str] | None = None  # extremes that grew on the last meshes of an adaptive run
+    growth: dict[str, str] | None = None  # key of an extreme -> growth on the meshes of an adaptive run
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
     bounded_force: dict[str, int] | None = None  # boundary and axis of `force_bounds`, such as {"top": 0}
-    stabilisation: Stabilisation | None = None  # None for a user's class read from files
+    stabilisation: Stabilisation | None = None  # None for a user-defined class after reading
     units: dict[str, str] | None = None
 
     @property
@@ -102,8 +102,8 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        Prefer this number to `dissipated`, which is of first order. With dashpots, and where slip changes direction in
-        space, this number is of first order, too.
+        `dissipated` is accurate to first order only. With dashpots, or if slip changes direction in space, both are
+        accurate to first order.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -159,9 +159,9 @@ class Results(ActingForces):
         return ("length", "force/length") if flat else ("area", "force/length²")
 
     def stress(self, step: int) -> Floats:
-        """Return the stresses (n_cells, 3) at a stored step, from the projection Pi u: xx, yy, xy, tension positive.
+        """Return the stresses xx, yy, xy (n_cells, 3) at a stored step; tension is positive.
 
-        In space they are (n_cells, 6): xx, yy, zz, xy, yz, xz. Stresses at zero strain are included.
+        In space, the stresses are xx, yy, zz, xy, yz, xz (n_cells, 6). Stresses at zero strain are included.
         """
         return self.on_cells(step)["stress"]
 
@@ -223,7 +223,7 @@ class Results(ActingForces):
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
         for one, k, even in largest_values(self):
-            # Slip is bounded at all corners; friction is bounded if its bound is given.
+            # At corners, slip and friction with given bounds stay bounded.
             bounded = one.key == "slip" or (one.key == "friction" and given)
             near, row = [] if even or bounded else _near(self, corners, one.key, k), self.row(one.step)
             words = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)
@@ -232,7 +232,7 @@ class Results(ActingForces):
 
     @cached_property
     def peak(self) -> int:
-        """The stored step that pictures and summaries show: the last step with at least 99 % of the largest energy."""
+        """The last stored step with at least 99 % of the largest energy."""
         return int(self.stored[last_of_largest(self.energy)])
 
     @cached_property
@@ -242,14 +242,14 @@ class Results(ActingForces):
         least = self.trajectory.accuracy * max(float(np.linalg.norm(row)) for row in u)
         for row in range(1, len(u)):
             moved = u[row] - u[row - 1]
-            if np.linalg.norm(moved) > least:  # Smaller increments are within the accuracy of a step.
+            if np.linalg.norm(moved) > least:  # Smaller increments may be solver errors.
                 if float((moved * before).sum()) < 0:
                     found.append(int(self.stored[row - 1]))
                 before = moved
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return at most `most` >= 2 stored steps that show the course of a run."""
+        """Return at most `most` >= 2 stored steps to draw, such as the peak and reversals."""
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
         steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]
@@ -257,7 +257,7 @@ class Results(ActingForces):
         return chosen if self.peak in chosen else np.union1d(chosen[int(len(chosen) == most) :], self.peak)
 
     def row(self, step: int | None) -> int:
-        """Return the row of a stored step in the arrays; negative steps count from the end, and None is the peak."""
+        """Return the row of a stored step in arrays; negative steps count from the end, None means the peak."""
         step = self.peak if step is None else step
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
         stored: list[int] = self.stored.tolist()
@@ -293,7 +293,6 @@ def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int, bool
 
 
 def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
-    """Return the nodes near an extreme."""
     mesh = history.mesh
     if key == "displacement":
         return [k]
@@ -310,7 +309,7 @@ def _near(history: Results, corners: Corners, key: str, k: int) -> list[int]:
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
-    """Yield key, name, unit, values and places of each field at a stored step."""
+    """Yield key, name, unit, values and places of each field."""
     mesh, contact = history.mesh, history.contact
     size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
     yield "displacement", ("largest displacement", "length", size, mesh.points)
@@ -338,7 +337,7 @@ RECORDS: dict[str, type] = {
     "sides.": Sides,
     "stabilisation.": VertexWeights,
 }
-"""Classes of the records of a history, by the prefix of array names in files."""
+"""Prefix of array names in files -> class of the arrays."""
 
 
 def list_arrays(history: Results) -> Iterator[tuple[str, NDArray[Any], ArrayField]]:
@@ -415,7 +414,7 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
 
 
 def warn_of_large_strains(posed: PosedScene, results: Results) -> None:
-    """Log a warning if principal strains are not small at the stored instant of the largest energy."""
+    """Log a warning if the strains of the step with the largest energy are not small."""
     space, row = posed.space, int(np.argmax(results.energy))
     count = space.components - space.axisymmetric
     tensor, hoop = np.split(strains(space, results.displacement[row]), [count], axis=1)
@@ -436,7 +435,7 @@ def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
     if not unsettled or len(posed.obstacles.nodes) == 0:
         return
     rubbed = np.diff(contact.wear, axis=0) * contact.friction_lengths
-    # Contact that closes or opens in a step may rub while it is closed.
+    # Nodes that open or close in a step may have friction.
     gone = ~(contact.closed[1:] | contact.closed[:-1])
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
@@ -450,7 +449,6 @@ def _warn_of_friction_where_open(posed: PosedScene, contact: Contact) -> None:
 
 
 def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """Return the nodal forces (n_u,) of dashpots in the step of a stored row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -464,7 +462,7 @@ def _damping_force(posed: PosedScene, trajectory: Trajectory, row: int) -> Float
 def with_origin(
     programs: Iterator[SolvedProgram], posed: PosedScene, effects: Sequence[str], **more: str
 ) -> Iterator[SolvedProgram]:
-    """Add an origin (scene, mesh, solver) to programs."""
+    """Yield the programs with their origin: scene, mesh and solver."""
     origin = {"scene": list(effects), "mesh": size_of(posed.space.mesh), **more}
     return (replace(program, origin=origin) for program in programs)
 
@@ -475,7 +473,7 @@ def size_of(mesh: Mesh) -> dict[str, Any]:
 
 
 def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool = True) -> Iterator[SolvedProgram]:
-    """Return the programs of some steps; raise HistoryError without a scene."""
+    """Return the programs of some steps, or raise HistoryError."""
     if history.scene is None:
         raise HistoryError(
             "program: the scene of the history is unknown, because the history was read from files or joined. Use one "

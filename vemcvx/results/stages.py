@@ -1,6 +1,6 @@
-"""Consecutive stages as one history.
+"""The history of several stages. A stage is a run that continues the run before.
 
-The initial instants of later stages are left out. An effect acts only in one stage.
+The initial instants of later stages are left out. Each stage has its own effects.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from vemcvx.base.arrays import SAME, array_fields
 from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
-COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that restart in each stage
+COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that begin at 0 in each stage
 PER_EFFECT = "acting", "loads"  # dimensions of arrays with one entry per effect
 
 
 def join(stages: Sequence[Results]) -> Results:
-    """Return stages as one history; raise HistoryError if a stage does not continue the stage before it."""
+    """Return one history of all stages, or raise HistoryError."""
     for k, (before, after) in enumerate(pairwise(stages), start=2):
         if why := _difference(before, after):
             raise HistoryError(
@@ -56,7 +56,7 @@ def join(stages: Sequence[Results]) -> Results:
         out_of_plane=first.out_of_plane,
         seconds=seconds,
         inactive=tuple(f"stage {k}: {words}" for k, stage in enumerate(stages, 1) for words in stage.inactive),
-        # All stages must have the same supports of the boundary.
+        # Stages with different supports have no common `sides`.
         sides=first.sides if held.count(held[0]) == len(held) else None,
         stabilisation=first.stabilisation,
         units=first.units,
@@ -65,7 +65,7 @@ def join(stages: Sequence[Results]) -> Results:
 
 
 def _difference(before: Results, after: Results) -> str:
-    """Return why a stage does not continue the stage before, or ""."""
+    """Return why `after` does not continue `before`, or ""."""
     alike = {"mesh": ("points", "centroids"), "contact": ("nodes", "partners", "normals", "lengths")}
     for name, arrays in alike.items():
         one, other = getattr(before, name), getattr(after, name)
@@ -89,7 +89,6 @@ def _difference(before: Results, after: Results) -> str:
 
 
 def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return arrays of all stages as one array each."""
     found: dict[str, Any] = {}
     for name, (sizes, *_) in array_fields(type(records[0])).items():
         arrays = [getattr(record, name) for record in records]
@@ -98,7 +97,6 @@ def _in_time(records: Sequence[Any], names: Sequence[str] = ()) -> dict[str, Any
         if sizes[0] not in ("S", "N") or (names and name not in names) or all(array is None for array in arrays):
             continue
         shape = np.max([array.shape[1:] for array in arrays if array is not None], axis=0).astype(int)
-        # Each effect of each stage has a column.
         apart, rows = any(size in PER_EFFECT for size in sizes), list[Any]()
         first, count = 0, sum(array.shape[1] for array in arrays) if apart else 0
         for record, array in zip(records, arrays, strict=True):

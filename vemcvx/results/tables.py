@@ -23,7 +23,7 @@ Columns = dict[str, NDArray[Any]]
 TABLES = "steps", "contact"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
-"""Scalars of every step that a trajectory computes from its arrays."""
+"""Properties of `Trajectory` with a value for every step."""
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Size in the annotation of an array -> dimension in datasets."""
 
@@ -48,7 +48,6 @@ def _steps(history: Results) -> Columns:
 
 
 def _contact(history: Results) -> Columns:
-    """Return the arrays of contact as columns, with constant arrays repeated at every step."""
     contact, steps = history.contact, len(history.stored)
     rows = [np.repeat(each, len(contact.nodes)) for each in (history.stored, history.times)]
     columns: Columns = {"step": rows[0], "time": rows[1], **_along(history)}

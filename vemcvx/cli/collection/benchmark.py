@@ -203,7 +203,7 @@ def run_trials(
 def try_all(
     pipe: Connection, typed: str, folder: Path, names: Sequence[str], tolerances: Sequence[float], limit: float
 ) -> None:
-    """Try a solver on instances, and send pairs (trial, time limit of the next pair)."""
+    """Send pairs (trial, time limit of the next pair) through the pipe."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
     use_one_thread()
     solver = make_solver(typed, None, "--solvers")
@@ -230,7 +230,7 @@ def try_all(
 Memory = dict[str, Any]
 """Data for the warm start of the next step."""
 Call = Callable[[float | None, Memory], tuple[float, Answer | None, str]]
-"""Function from a tolerance and a memory to seconds, an answer or None, and a status."""
+"""Function (tolerance, memory) -> (seconds, answer or None, status)."""
 
 
 def name_solver(typed: str) -> str:
@@ -365,7 +365,7 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
     """Return the solvers that accept instances of a kind, and the names of common instances."""
-    # An instance counts if the optimum is certified to a tenth of `error`.
+    # The certified error of the optimum must be at most a tenth of `error`.
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}
     return some, [name for name in names if some and all(is_accepted(own, name) for own in some.values())]
@@ -418,7 +418,7 @@ def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: fl
 
 def profile(entries: Entries, names: Sequence[str], error: float) -> dict[str, list[float]]:
     """Return the times of solvers on instances, relative to the fastest solver."""
-    tick = time.get_clock_info("process_time").resolution  # A coarse clock may measure zero seconds.
+    tick = time.get_clock_info("process_time").resolution  # A coarse clock may measure 0 s.
     times = {
         label: [max(seconds_to(own.get(name, ()), error), tick) for name in names] for label, own in entries.items()
     }

@@ -92,7 +92,6 @@ class Program:
         floor = 0.5 * EPS**2 * abs(size @ abs(self.solve(size)))
         floor += EPS * float((abs(self.B) @ abs(d) + abs(self.b)) @ np.repeat(self.w, self.block))
         floor += EPS * float((abs(self.D) @ abs(d) + abs(self.e)) @ p)
-        # Rounding of r does work on motions in the kernel.
         floor += float(abs(self.N.T @ r) @ abs(self.N.T @ d))
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
@@ -121,7 +120,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return the agreement of Clarabel's answer with the stored answer, and Clarabel's certified error."""
+        """Return True if Clarabel's answer agrees, and Clarabel's certified error."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)

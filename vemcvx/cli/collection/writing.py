@@ -198,7 +198,7 @@ class Collection:
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-        # Hide log entries on intended features of scenes.
+        # Messages on the scenes do not matter here.
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
@@ -265,13 +265,12 @@ def _encode(instance: CollectionInstance, solved: Sequence[SolvedProgram]) -> di
 
 
 def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[CollectionInstance, list[SolvedProgram]]]:
-    """Yield each instance with the programs of its steps."""
     here, exactly = problems_folder(), Newton(accuracy=ACCURACY)
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.name)), key=lambda one: one.run):
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
         problem = read_problem(here / f"{first.problem}.py")
-        with suppress_scene_warnings():  # Warnings about supports do not matter here.
+        with suppress_scene_warnings():
             posed = problem.pose(first.settings, problem.mesh(first.n), first.of, exactly)
             history = replace(posed, times=posed.times[: last + 1]).simulate(check=False, progress=False)
         for one in wanted:
@@ -309,12 +308,12 @@ def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
 def _make_unbounded(program: SolvedProgram) -> tuple[StepProgram, Floats]:
     """Return the program with a larger load g, and a motion r as proof.
 
-    K r = 0, D r <= 0 and g'r > sum_i w_i |B_i r|: the objective has no lower bound along r.
+    Since K r = 0, D r <= 0 and g'r > sum_i w_i |B_i r|, the objective has no lower bound along r.
     """
     operators = program.operators
     assert operators.kernel is not None
     motions = [sign * motion for motion in operators.kernel.T for sign in (1.0, -1.0)]
-    # Allow for the rounding of r, because motions along an obstacle are admissible.
+    # Motions along an obstacle have D r = 0 up to rounding.
     ray = next(r for r in motions if len(program.e) == 0 or (operators.D @ r).max() <= ROUNDING * np.abs(r).max())
     held = float(program.w @ np.linalg.norm(operators.blocks(operators.B @ ray), axis=1)) or np.abs(program.g).max()
     g = program.g + (2.0 * held - program.g @ ray) / (ray @ ray) * ray

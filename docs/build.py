@@ -1,10 +1,8 @@
 """Build the site: python docs/build.py DIR [--work FOLDER].
 
-The build first runs the lessons and the code cells of the pages. Sphinx then makes the pages, with MyST-NB, numpydoc
-and the theme furo. It fails if a reference has no target. These packages have BSD or MIT licences; MathJax has the
-licence Apache 2.0. `docs/README.md` has the conventions for pages.
-
-With --work, the build keeps sources and executed notebooks in FOLDER, and does not run unchanged code again.
+The build runs the lessons and the code cells of the pages. Sphinx then makes the pages. With --work, the build keeps
+sources and executed notebooks in FOLDER, and does not run unchanged code again. `docs/README.md` has the conventions
+for pages.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ ROOT = HERE.parent
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
 PROCESSES = 2
-"""Number of kernels that run at the same time, and number of processes of Sphinx."""
+"""Number of kernels, and number of processes of Sphinx."""
 
 
 def report(task: str) -> None:
@@ -38,7 +36,7 @@ def report(task: str) -> None:
 
 
 def collect_sources(sources: Path) -> None:
-    """Fill Sphinx's folder of sources with the pages of `docs`, and with pages written from lessons and problems."""
+    """Write pages, lessons, problems and pictures into Sphinx's folder of sources."""
     from generator import gallery, lessons
 
     report("collects pages and pictures")
@@ -58,7 +56,7 @@ def collect_sources(sources: Path) -> None:
 
 
 def write_kernel(folder: Path) -> None:
-    """Write a Jupyter kernel that uses this Python and one thread, and let JUPYTER_PATH point to it."""
+    """Write a Jupyter kernel with one thread, and set JUPYTER_PATH."""
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}", "--log-level=ERROR"]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     spec = {"argv": argv, "display_name": "Python 3", "language": "python", "env": threads}
@@ -69,7 +67,7 @@ def write_kernel(folder: Path) -> None:
 
 
 def run_code(sources: Path, folder: Path) -> None:
-    """Write the live pages, and run the cells whose results are not in the cache. Sphinx reads the cache."""
+    """Write the live pages, and run the cells that are not in the cache."""
     from generator.gallery import LIVE
     from jupyter_cache import get_cache
     from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution

@@ -1,4 +1,4 @@
-"""Further checks of pages: the files that they load, links in raw HTML, descriptions of pictures, order of headings."""
+"""Checks of pages: loaded files, links, descriptions of pictures, order of headings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bs4 import BeautifulSoup
 
 IN_STYLE = re.compile(r"(?:url\(|@import)\s*['\"]?\s*((?:https?:)?//[^'\")]+)")
 MADE_LATER = "search.html", "genindex.html"
-"""Pages whose headings are not checked: a script makes the search page, and the index has letters as headings."""
+"""Pages whose headings are not checked."""
 
 
 def find_faults(site: Path) -> list[str]:
@@ -29,7 +29,7 @@ def find_faults(site: Path) -> list[str]:
 
 
 def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
-    """Yield a fault for each missing file, each file loaded from another host, and each picture without description."""
+    """Yield faults: missing files, files of other hosts, pictures without description."""
     for tag in page.find_all(True):
         address = urlsplit(next((tag[name] for name in ("href", "src", "data") if tag.get(name)), ""))
         if address.netloc:
@@ -42,7 +42,7 @@ def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
 
 
 def _check_headings(page: BeautifulSoup) -> Iterator[str]:
-    """Yield a fault unless one heading has the first level, and a fault for each skipped level."""
+    """Yield faults: no single heading of the first level, or skipped levels."""
     body = page.find("article") or page.find("main") or page
     levels = [int(tag.name[1]) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if levels.count(1) != 1:

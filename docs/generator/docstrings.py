@@ -1,4 +1,4 @@
-"""Docstrings as reStructuredText: formulas become roles, names become links, and bars and underscores are escaped."""
+"""Docstrings as reStructuredText, with roles for formulas and links for names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PIECE = re.compile(
 
 
 def prepare(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    """Translate the lines of a docstring in place (event autodoc-process-docstring)."""
+    """Translate the lines of a docstring in place."""
     lines[:] = PIECE.sub(_translate, "\n".join(lines)).split("\n")
 
 
@@ -39,7 +39,7 @@ def _translate(piece: re.Match[str]) -> str:
 
 
 def _refer(words: str, is_role: bool) -> str:
-    """Return a link to a public name or to a member of a public name, and a literal for other words."""
+    """Return a link to a public name or its member, or a literal."""
     first, _, member = words.removeprefix("vemcvx.").partition(".")
     target = words if words in OBJECTS else SHORT.get(first, SHORT.get(words.rpartition(".")[2] if is_role else ""))
     if target is None:
@@ -50,12 +50,12 @@ def _refer(words: str, is_role: bool) -> str:
 
 
 def keep_public_bases(app: Sphinx, name: str, thing: object, options: object, bases: list[type]) -> None:
-    """Keep only those bases of a class that have an entry in the reference (event autodoc-process-bases)."""
+    """Keep the base classes that have an entry in the reference."""
     bases[:] = [base for base in bases if any(base is one for one in OBJECTS.values())] or [object]
 
 
 def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
-    """Describe each picture by the text that its notebook cell prints for the figure (event doctree-read)."""
+    """Describe each picture by the printed text of its notebook cell."""
     for bundle in tree.findall(nodes.container):
         if bundle.get("nb_element") == "mime_bundle":
             texts = [child.astext() for child in bundle.children if child.get("mime_type") == "text/plain"]
@@ -64,10 +64,7 @@ def describe_pictures(app: Sphinx, tree: nodes.document) -> None:
 
 
 class Entries(Autosummary):
-    """The directive `entries`: a table of names with their first sentences, and below it the entry of each name.
-
-    If a method is inherited from a class of the reference, only the entry of that class describes it.
-    """
+    """The directive `entries`: a table of names, and the entry of each name."""
 
     def run(self) -> list[nodes.Node]:
         """Return the table and the entries."""

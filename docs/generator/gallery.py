@@ -1,4 +1,4 @@
-"""The gallery: a page with docstring, picture, code and tests for every problem that the index of the gallery lists."""
+"""The gallery: a page for every problem, with docstring, picture, code and tests."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from generator.reference import SHORT
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
-NO_PROBLEMS = "gallery", "live_page"  # the file that draws all pictures, and the live page
+NO_PROBLEMS = "gallery", "live_page"  # files that are not problems
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)
-LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # problems with a live page, and the step at which it opens
+LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # live pages and their first steps
 PICTURES = {"paper_figures": tuple(f"paper_figure_{name}" for name in ("1", "2_unit", "2_shear", "3", "4"))}
 STEP_BY_STEP = """## Step by step
 
@@ -81,7 +81,7 @@ def _link(literal: re.Match[str]) -> str:
 
 @cache
 def find_tests() -> dict[str, list[str]]:
-    """Return the tests that use each problem, one string per test; tests in tests/whole and tests/cli are left out."""
+    """Return the tests that use each problem, one string per test."""
     found = defaultdict(list)
     for path in sorted(ROOT.glob("tests/*/test_*.py")):
         text = path.read_text(encoding="utf-8")
@@ -123,7 +123,7 @@ def _describe(problem: Problem, name: str) -> str:
 
 
 def _write_cards(group: re.Match[str]) -> str:
-    """Return a grid of cards and a hidden table of contents, which replace a list of problems."""
+    """Return a grid of cards and a hidden table of contents."""
     cards, pages = [], []
     for problem in map(Problem, group[1].split()):
         first, _, rest = problem.title.partition(": ")
@@ -136,7 +136,7 @@ def _write_cards(group: re.Match[str]) -> str:
 
 
 def write(folder: Path) -> None:
-    """Write a page for every problem, and the index with a card for every problem."""
+    """Write the pages of all problems, and the index."""
     index = (folder / "index.md").read_text(encoding="utf-8")
     (folder.parent / "problems").mkdir(exist_ok=True)
     for name in " ".join(GROUP.findall(index)).split():

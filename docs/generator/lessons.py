@@ -29,7 +29,7 @@ course
 
 
 def write(folder: Path) -> None:
-    """Write the notebooks of all lessons and solutions, which MyST-NB runs, and the page `index.md`."""
+    """Write the notebooks of all lessons and solutions, and the page `index.md`."""
     folder.mkdir(parents=True, exist_ok=True)
     notebooks = folder.parent / "_static" / "notebooks"
     notebooks.mkdir(parents=True, exist_ok=True)
@@ -61,20 +61,20 @@ def write(folder: Path) -> None:
 
 
 def write_if_new(made: dict[str, object], path: Path) -> None:
-    """Write a notebook if its text has changed; the cells of unchanged notebooks do not run again."""
+    """Write a notebook if its text has changed."""
     text = json.dumps(made, indent=1, ensure_ascii=False)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
 
 def link_files(line: str, number: int) -> str:
-    """Return a line of lesson `number`; names of problem files and of the file of solutions become links."""
+    """Return a line of lesson `number` with links to files."""
     solutions = f"lesson_{number}_solutions"
     line = line.replace(f"`{solutions}.py`", f"[`{solutions}.py`]({solutions}.ipynb)")
     return re.sub(r"`(?:problems/)?(\w+)\.py`", link_problem, line)
 
 
 def link_problem(found: re.Match[str]) -> str:
-    """Return the link to the page of a problem file; return other text unchanged."""
+    """Return the link to a problem, or other text unchanged."""
     name = found.group(1)
     return f"[`{name}.py`](../gallery/{name}.md)" if name in list_problems() else found.group()

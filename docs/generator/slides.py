@@ -1,8 +1,4 @@
-"""Slides of the lessons: each slide has a formula, picture, table or short list, and at most five lines of text.
-
-The slides of a lesson are one HTML page without a framework. Space, arrow and page keys turn the slides, scrolling
-stops at each slide, and a printer puts one slide on a sheet.
-"""
+"""Slides of the lessons: formulas, pictures, tables and short lists, with at most five lines of text."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup, Tag
 
 LETTERS, LINES = 85, 5
-"""The largest number of letters in a line, and the largest number of lines of text on a slide."""
+"""Largest number of letters in a line, largest number of lines on a slide."""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}, slides</title>
@@ -37,7 +33,7 @@ def write(site: Path) -> None:
 
 
 def build_page(path: Path) -> str:
-    """Return the page of slides for the page of a lesson."""
+    """Return the slides of a lesson as HTML."""
     body = BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser").find("article").find("section")
     for link in body.find_all("a", class_="headerlink"):
         link.decompose()
@@ -57,7 +53,7 @@ def build_page(path: Path) -> str:
 
 
 def readdress(tag: Tag, page: str) -> None:
-    """Adapt links: the slides are one folder below the lesson, and have no anchors of their own."""
+    """Adapt a link of the page of a lesson to the folder of slides."""
     tag.attrs.pop("id", None)
     for attribute in ("href", "src"):
         address = tag.get(attribute, "")
@@ -77,8 +73,8 @@ def find_blocks(section: Tag) -> Iterator[Tag]:
 
 
 def build_slides(blocks: list[Tag]) -> Iterator[str]:
-    """Yield the title with the opening paragraph, then a slide for every formula, picture, table and short list."""
-    heading = str(blocks[0]).replace("h1>", "h2>")  # slides before the first section have the title as heading
+    """Yield the slides of a lesson."""
+    heading = str(blocks[0]).replace("h1>", "h2>")
     yield str(blocks[0]) + "".join(f"<p>{part}</p>" for part in fit(split_sentences(blocks[1]), LINES, first=True))
     for at, block in enumerate(blocks):
         following = blocks[at + 1 : at + 3]
@@ -96,7 +92,7 @@ def build_slides(blocks: list[Tag]) -> Iterator[str]:
             text = split_sentences(asked or next((one for one in near if one.name == "p"), near[0]))
             answer = next((one for one in near if one.name == "details"), "") if asked else ""
             start = next((n for n, sentence in enumerate(text) if "Question:" in sentence), 0)
-            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]  # formulas end the others
+            text = [sentence for sentence in text[start:] if sentence[-1] in ".?!)"]
             yield f"{heading}{block.find('img')}<p>{' '.join(fit(text, LINES, first=True))}</p>{answer}"
 
 
@@ -108,7 +104,7 @@ def is_shown(block: Tag) -> bool:
 
 
 def split_sentences(paragraph: Tag) -> list[str]:
-    """Return the sentences of a paragraph as HTML; a sentence does not end within a tag."""
+    """Return the sentences of a paragraph as HTML."""
     sentences = [""]
     for part in re.split(r"(?<=[.?!])\s+", paragraph.decode_contents() if paragraph.name == "p" else ""):
         is_open = len(re.findall(r"<\w", sentences[-1])) > sentences[-1].count("</")
@@ -117,7 +113,7 @@ def split_sentences(paragraph: Tag) -> list[str]:
 
 
 def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
-    """Return the last sentences that fit into `lines` lines; with `first`, the first sentences that fit."""
+    """Return the last (or first) sentences that fit into `lines` lines."""
     kept = sentences if first else sentences[::-1]
     while len(kept) > 1 and count_lines(" ".join(kept)) > lines:
         kept = kept[:-1]
@@ -125,5 +121,5 @@ def fit(sentences: list[str], lines: int, first: bool = False) -> list[str]:
 
 
 def count_lines(html: str) -> int:
-    """Return the number of lines of some HTML; each command of a formula counts as one letter."""
+    """Return the number of lines of some HTML."""
     return -(-len(re.sub(r"\\[a-zA-Z]+|\\.|[{}_^]", "x", re.sub(r"<[^>]+>", "", html))) // LETTERS)

@@ -1,4 +1,4 @@
-"""Effects without influence cost nothing, and leave every bit of an answer unchanged."""
+"""Effects without influence leave every bit of an answer unchanged."""
 
 import logging
 

@@ -1,6 +1,7 @@
-"""Closed forms of uniform states, which every mesh reproduces, in plane stress, plane strain and space.
+"""Uniform states in closed form, in plane stress, plane strain and space.
 
-Plane strain is plane stress with the constants E / (1 - nu^2), nu / (1 - nu) and (1 + nu) alpha.
+Plane strain is plane stress with Young's modulus E / (1 - nu^2), Poisson's ratio nu / (1 - nu), and thermal expansion
+(1 + nu) alpha.
 """
 
 from dataclasses import dataclass
@@ -40,7 +41,7 @@ class Body:
 
     @property
     def sides(self):
-        """Pairs of opposite sides, axis by axis; the last axis is vertical."""
+        """Pairs of opposite sides. The last axis is vertical."""
         return SIDES[::2] if self.dim == 2 else SIDES
 
     @property
@@ -55,7 +56,7 @@ class Body:
         return vx.simulate(vx.Scene(material or self.material, *effects), self.mesh, times, **options)
 
     def squeezed(self, pressure, floor=0.0):
-        """Return the displacement of a block that bulges freely under pressure on top; its floor sinks by `floor`."""
+        """Return the displacement of a block under pressure on top. The floor sinks by `floor`."""
         u = self.mesh.points * ([self.poisson] * (self.dim - 1) + [-1.0]) * pressure / self.young
         u[:, -1] -= floor
         return u
@@ -91,7 +92,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """A linear displacement is given on one side, and one component on two sides. Tractions load other components."""
+    """Supports prescribe a linear displacement on one side, and one component on two sides. Tractions act elsewhere."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)
@@ -138,7 +139,7 @@ def test_clamp_bears_the_weight(body):
 
 
 def test_elastic_foundation(body):
-    """Springs give way by p / k under the pressure p, and by q / k under the shear q."""
+    """Springs of stiffness k yield by p / k under the pressure p, and by q / k under the shear q."""
     press = vx.Pressure(lambda x, t: 3 * t, on="top")
     springs = vx.ElasticFoundation(normal=50.0, tangential=20.0, on="bottom")
     held = body.run(body.rollers, press, springs)
@@ -159,13 +160,13 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """A free body has no stress, a body blocked along x has stress along x, a clamped body has it in all directions."""
+    """A free body has no stress. A body blocked along x has stress along x. A clamped body has pressure."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)
     assert_close(free.displacement[-1], hot * body.mesh.points)
     assert np.abs(free.stress(-1)).max() < EXACT * E
-    # Heat counts as a load. In each step, work - dE - dissipation is the energy of the increment du.
+    # In each step, work - energy increment - dissipation is the energy of the displacement increment.
     stiff = 0.5 * body.foot * HEIGHT * body.dim * (body.dim * body.lam + 2 * MU)
     assert free.energy == pytest.approx(stiff * (hot * np.array(STEPS)) ** 2, rel=1e-11)
     rest = np.diff(free.work - free.energy - free.dissipated)
@@ -184,7 +185,7 @@ def test_thermal_strain(body):
 
 
 def test_prestress(body):
-    """A clamped body keeps the prestress; a free body strains by -C^-1 times the prestress and has no stress."""
+    """A clamped body keeps the prestress. A free body has no stress."""
     d, shear = body.dim, [0.5, -0.7, 0.3][: 1 if body.dim == 2 else 3]
     stress = np.array([3.0, -1.0, 2.0][:d])
     held = body.run(vx.Clamp(on="boundary"), vx.Prestress(lambda x, t: t * np.array([*stress, *shear])))
@@ -198,7 +199,7 @@ def test_prestress(body):
 
 
 def test_normal_compliance_and_a_gap(body):
-    """The top sinks by w = gap + p / k + p H / E."""
+    """The top sinks by w = gap + p / k + p H / E under the pressure p."""
     w, k, gap = 0.05, 50.0, 0.01
     lid = vx.PrescribedDisplacement(lambda x, t: -w * t, on="top", direction="normal")
     history = body.run(body.rollers, lid, vx.NormalCompliance(k, on="bottom", gap=gap))

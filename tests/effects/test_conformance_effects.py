@@ -109,7 +109,7 @@ RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 SPLIT = vx.Scene(replace(STEEL, on="west"), vx.Elasticity(young=80.0, poisson=0.2, on="east"))
 PLY = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0, angle=0.4)
 RUBBED = vx.TrescaFriction(uneven, on="bottom")
-# Bilateral contact gives no pressure; `while_closed` needs the pressure of one-sided contact.
+# `while_closed` needs the pressure of one-sided contact.
 UNPRESSED = vx.Scene(replace(RUBBED, while_closed=True), vx.UnilateralContact(on="left"))
 ON_FLOOR = STEEL, HELD, TOUCHING, RUBBING
 LOADED = STEEL, HELD, PULLED, TOUCHING, RUBBING
@@ -249,7 +249,7 @@ OF_PROBLEMS = {
 ONE_OF_EACH_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
 """The effects that are tested by default: a material, a load, a contact and a friction."""
 SLOW = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
-"""Ends of the names of slow tests; by default each of these tests runs for one effect only."""
+"""Ends of the names of slow tests. By default, each slow test runs for one effect."""
 test_effects = long_cases(
     effect_suite({name: SAMPLES[name] for name in ONE_OF_EACH_KIND}),
     lambda case: case.endswith(SLOW) and not case.startswith("Traction" if "infinity" in case else "CoulombFriction"),
@@ -271,13 +271,13 @@ def test_no_exported_effect_is_missing_from_the_samples():
         for thing in vars(space).values()
         if isinstance(thing, type) and issubclass(thing, vx.Effect) and not inspect.isabstract(thing)
     }
-    # Pretension acts on an interface, which the bodies of samples do not have: test_pretension.py.
+    # test_pretension.py tests Pretension, which needs an interface.
     assert exported - {vx.Pretension} == {type(sample.effect) for sample in SAMPLES.values()}
     assert {kind.__name__ for kind in exported} <= set(vx.__all__)
 
 
 def test_functions_are_summed_in_the_order_in_which_they_are_written():
-    """If memory addresses decided the order, two runs of one script would differ in the last bit."""
+    """With an order by memory addresses, two runs of one script would differ in the last bit."""
     makers = [
         lambda: vx.BodyForce(lambda x, t: np.full((len(x), 2), t / 3)),
         lambda: vx.BodyForce(lambda x, t: np.full((len(x), 2), 0.7 * t)),

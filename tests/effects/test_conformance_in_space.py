@@ -1,4 +1,4 @@
-"""Every effect has the properties of vemcvx.testing on a cube, also with laws of slip."""
+"""The conformance suite of vemcvx.testing for every effect, on a cube."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, v
 
 
 def in_space(sample):
-    """Return a sample for the cube from a plane sample: vectors get three components, and tensors six."""
+    """Return a sample for the cube from a plane sample."""
     data = {name: {2: 3, 3: 6}.get(count, count) for name, count in sample.data.items()}
     others = {name: (0.0, 0.0, 0.0) if other == (0.0, 0.0) else other for name, other in sample.others.items()}
     beside = tuple(RUBBING if isinstance(effect, vx.TrescaFriction) else effect for effect in sample.beside)

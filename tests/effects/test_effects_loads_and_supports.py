@@ -1,4 +1,4 @@
-"""Pressure, Symmetry, PointLoad, ElasticFoundation: uniform states that every mesh reproduces, in closed form."""
+"""Pressure, Symmetry, PointLoad, ElasticFoundation: uniform states in closed form."""
 
 from dataclasses import dataclass
 
@@ -50,7 +50,7 @@ def is_near(found, exact, scale):
 
 @pytest.mark.parametrize("degrees", [0.0, 33.0])
 def test_a_pressure_is_the_traction_along_the_inward_normal(family, degrees):
-    """For a pressure that is affine on edges, nodal loads are exactly (2 p_a + p_b) |e| / 6 along the edge's normal."""
+    """An affine pressure on an edge e from a to b causes the force (2 p_a + p_b) |e| / 6 at a."""
     mesh, _ = rotate(small(family, 3), degrees)
 
     def p(x, t):
@@ -69,7 +69,7 @@ def test_a_pressure_is_the_traction_along_the_inward_normal(family, degrees):
 
 @pytest.mark.parametrize("many", [False, True])
 def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
-    """On a mesh of one row of cells, F / 2 at both corners acts like the uniform traction F / H: u_x = F x / (E H)."""
+    """Two forces F / 2 at the corners of one cell act like the uniform traction F / H: u_x = F x / (E H)."""
     mesh = vx.meshes.squares((6, 1), box=BOX)
     corners = [(LENGTH, 0.0), (LENGTH, HEIGHT)]
     force = 8.0
@@ -84,7 +84,7 @@ def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
 
 
 def test_springs_hold_only_the_motions_that_stretch_them():
-    """Normal springs on one side do not prevent sliding along it; springs on one of two pieces do not hold both."""
+    """Normal springs on a side do not prevent sliding along the side. Springs on one piece do not hold two pieces."""
     one = vx.meshes.squares(3)
     points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
     two = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])

@@ -19,7 +19,7 @@ def halves(mesh, at=1.0):
 
 @pytest.mark.parametrize("family", ["squares", "triangles"])
 def test_a_bar_of_two_materials_has_two_strains(family):
-    """A bar between rollers is pulled by s: part i has e_xx = s / (lam_i + 2 mu_i) and sigma_yy = lam_i e_xx."""
+    """Under the tension s between rollers, part i has e_xx = s / (lam_i + 2 mu_i) and sigma_yy = lam_i e_xx."""
     mesh = halves(small(family, 4, box=BOX))
     s, E, nu = 3.0, (100.0, 400.0), (0.2, 0.4)
     materials = [vx.Elasticity(E[i], nu[i], on=on) for i, on in enumerate(("west", "east"))]
@@ -38,7 +38,7 @@ def test_a_bar_of_two_materials_has_two_strains(family):
 @any_family
 @mostly_long("degrees", [0.0, 25.0, 90.0], 1)
 def test_a_plate_pulled_at_an_angle_to_its_axes_stretches_and_shears(family, degrees):
-    """With c = cos a, s = sin a: 1 / E_x = c^4 / E1 + (1 / G - 2 nu12 / E1) c^2 s^2 + s^4 / E2 (Jones 1999, 2.97)."""
+    """The closed form is Jones, Mechanics of Composite Materials, 1999, equation 2.97."""
     E1, E2, nu, G, s = 140.0, 10.0, 0.3, 5.0, 2.0
     a = np.radians(degrees)
     c2, s2, cs = np.cos(a) ** 2, np.sin(a) ** 2, np.cos(a) * np.sin(a)

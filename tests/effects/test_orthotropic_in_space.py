@@ -1,4 +1,4 @@
-"""Orthotropic bodies in space: closed forms, rotated axes, and isotropic bodies as a special case."""
+"""Orthotropic bodies in space: closed forms and rotated axes."""
 
 import numpy as np
 from scenes import mostly_long

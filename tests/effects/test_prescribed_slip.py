@@ -1,4 +1,4 @@
-"""Prescribed slip: two halves of a cut body slide rigidly; the slip of a crack gives its stress drop."""
+"""Prescribed slip of blocks and of a fault, in closed form."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ STEEL = vx.Elasticity(E, NU)
 
 
 def stacked(names=("low", "up"), dim=2, n=3):
-    """Return blocks below and above the plane where the last coordinate is zero, in the order of `names`."""
+    """Return two stacked blocks, in the order of `names`."""
     made, place = (vx.meshes.squares, vx.meshes.cubes)[dim - 2], {"low": (-1, 0), "up": (0, 1)}
     return vx.meshes.bodies({name: made(n, box=(*((0, 1),) * (dim - 1), place[name])) for name in names})
 
@@ -21,7 +21,7 @@ def settled(mesh, *effects):
 
 @pytest.mark.parametrize("names", [("low", "up"), ("up", "low")])
 def test_a_block_that_is_cut_through_slides_without_stress(names):
-    """Positive slip moves the upper block to the right, whichever block is named first. Free blocks share the slip."""
+    """Positive slip moves the upper block to the right. Two free blocks move in opposite directions."""
     mesh, on = stacked(names), "|".join(names)
     for held, ways in (([vx.Clamp(on="low.bottom")], (0.0, 0.1)), ([], (-0.05, 0.05))):
         history = settled(mesh, vx.PrescribedSlip(0.1, on=on), *held)
@@ -40,7 +40,7 @@ def test_in_space_slip_is_a_vector_along_the_surface():
 
 
 def test_friction_resists_a_prescribed_slip():
-    """The upper block is dragged by .1. The friction bound is .5 on an edge of length 1, so that .05 is dissipated."""
+    """The slip .1 against the friction bound .5 on an edge of length 1 dissipates .05."""
     rub = vx.TrescaFriction(0.5, on="low|up")
     slip = vx.PrescribedSlip(lambda x, t: 0.1 * t + 0 * x[:, 0], on="low|up")
     history = vx.simulate(vx.Scene(STEEL, vx.Clamp(on="low.bottom"), slip, rub), stacked(), [0.0, 0.5, 1.0])
@@ -61,7 +61,7 @@ def fault(size, levels):
 
 
 def test_a_fault_with_the_slip_of_a_crack_has_its_stress_drop():
-    """The slip (4 (1 - nu^2) tau / E) sqrt(1 - x^2) on |x| < 1 releases the stress tau, within 1 % for |x| < .7."""
+    """The slip (4 (1 - nu^2) tau / E) sqrt(1 - x^2) on |x| < 1 releases the shear stress tau."""
     tau, most = 2.0, 4 * (1 - NU**2) / E
     slip = vx.PrescribedSlip(lambda x, t: most * tau * t * np.sqrt(np.maximum(1 - x[:, 0] ** 2, 0.0)), on="fault")
     history = vx.simulate(vx.Scene(STEEL, slip), fault(10, 4), [0.0, 1.0])

@@ -41,7 +41,7 @@ def test_bodies_at_an_open_joint_deform_as_if_alone(family):
 
 @pytest.mark.long
 def test_contact_bears_the_difference_of_outer_and_inner_pressure():
-    """Under a pressure of 5 outside and 2 inside the joint, contact bears 3 on meshes that do not match."""
+    """The pressure is 5 outside the joint and 2 inside, so contact bears 3."""
     mesh, _ = stacked(("squares", "voronoi"), (3, 4))
     scene = vx.Scene(
         STEEL,

@@ -24,7 +24,7 @@ def tightened(x, t):
 
 
 def joint(**of):
-    """Simulate a bolt and a sleeve under a rigid cap that is pulled; the sleeve is three times as stiff as the bolt."""
+    """Simulate a bolt and a sleeve under a pulled rigid cap. The sleeve is three times as stiff as the bolt."""
     mesh = vx.meshes.bodies({**JOINT, "cap": column(0, 5, 3, 4, (1, 1))})
     scene = vx.Scene(
         STEEL,
@@ -46,8 +46,7 @@ def test_the_bolt_follows_the_joint_diagram(solver, near):
         assert history.force(cause)[:, 1] == pytest.approx(wanted, abs=near)
     assert history.force("sleeve|cap")[:, 1] == pytest.approx(PULL - wanted, abs=near)
     assert history.force(vx.Pretension)[:, 0] == pytest.approx(np.zeros(7), abs=1e-12)
-    # At the cut, the two ends of the bolt overlap. The overlap is the stretch of the bolt plus the compression of the
-    # sleeve. From t = 1 on, the overlap is locked.
+    # The overlap at the cut is the elongation of the bolt plus the shortening of the sleeve.
     up, down = (np.unique(history.mesh.boundaries["shank|head"]), history.mesh.interfaces["shank|head"].partners)
     jump = history.displacement[:, up, 1].mean(axis=1) - history.displacement[:, np.unique(down), 1].mean(axis=1)
     shorter = TENSION * 3.0 / 300.0 * (1 / BOLT + 1 / SLEEVE)
@@ -67,7 +66,7 @@ def test_files_keep_the_forces_of_a_bolt_but_not_programs_with_infinite_weights(
 
 
 def test_a_bolt_in_space_bears_shear_and_tension():
-    """A bolt is tightened between fixed ends; then one end is pulled and sheared."""
+    """A bolt is tightened between fixed ends. Then one end is pulled and sheared."""
     cubes = vx.meshes.cubes
     behind, ahead = vx.meshes.cut(cubes((1, 1, 4), box=((0, 1), (0, 1), (0, 2))), (0, 0, 1), (0, 0, 1))
     mesh = vx.meshes.bodies({"a": behind, "b": ahead})

@@ -1,4 +1,4 @@
-"""Impossible effects of users are refused by name, and doubtful scenes cause warnings."""
+"""Errors name impossible effects of users, and doubtful scenes cause warnings."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
 
 @dataclass(frozen=True)
 class Mine(vx.Effect):
-    """A rigid obstacle `stop` with friction; the given values replace fields of both."""
+    """A rigid obstacle with friction. The dicts `friction` and `stop` replace fields."""
 
     friction: object = None
     stop: object = None

@@ -1,4 +1,4 @@
-"""Rigid parts: their motions are unknown, and all forces on them balance."""
+"""Rigid parts with unknown motions and balanced forces."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def pressed(n):
 
 
 def test_a_bar_with_a_rigid_end_stretches_uniformly():
-    """u = F L / (E A), the end stays straight, and the rigid end has no reaction."""
+    """A bar of length L and area A under the force F has the displacement F L / (E A) at the end."""
     scene = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Rigid(on="right", force=(3.0, 0.0)))
     history = vx.simulate(scene, vx.meshes.voronoi(5, seed=1), [0.0, 1.0], initial="settled")
     end = history.displacement[-1][np.unique(history.mesh.boundaries["right"])]
@@ -29,7 +29,7 @@ def test_a_bar_with_a_rigid_end_stretches_uniformly():
 
 @pytest.mark.parametrize("point", [(1.3, 0.0), (41.0, 7.0)])
 def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
-    """A force -F at eccentricity e and a moment M sink the plate by F / (k L) and turn it by 12 (M - e F) / (k L^3)."""
+    """The plate sinks by F / (k L) and turns by 12 (M - e F) / (k L^3), for a force F at eccentricity e."""
     k, F, M = 50.0, 4.0, 0.3
     at = np.array(point)
     rigid = vx.Rigid(on="bottom", at=point, force=(0.0, -F), moment=M)
@@ -60,13 +60,13 @@ def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
 
 
 def punch(e):
-    """Return the scene of a rigid tool of half width 1 that can turn; a force at x = e presses it down."""
+    """Return the scene of a rigid tool that can turn, under a vertical force at x = e."""
     rigid = vx.Rigid(on="tool", at=(e, 0.0), force=lambda x, t: (0.0, -t), motion=(0.0, None, None))
     return vx.Scene(STEEL, vx.Clamp(on="low.bottom"), vx.UnilateralContact(on="low|tool"), rigid)
 
 
 def test_a_prescribed_motion_and_its_reaction_as_a_load_give_the_same_answer():
-    """A prescribed motion presses a round tool with a rigid back; in a second run, the first reaction presses it."""
+    """The second run applies the reaction of the first run as a load."""
     mesh, clamp, _ = pressed(4)
     round_ = vx.UnilateralContact(on="low|tool", gap=lambda x, t: 0.2 * (x[:, 0] - 0.53) ** 2)
 
@@ -92,7 +92,7 @@ def test_a_rigid_body_is_the_limit_of_stiff_bodies():
     found = [vx.simulate(vx.Scene(*own, *rest), mesh, [0, 0.5, 1]) for own in (stiff, (STEEL, vx.Rigid(on="tool")))]
     apart = np.abs(found[0].displacement - found[1].displacement).max()
     assert apart < 3e-6 * np.abs(found[1].displacement).max()
-    # The load on the tool may also be a force at the middle of its top.
+    # A force at the middle of the top replaces the traction.
     at = vx.Rigid(on="tool", at=(0.5, 1.5), force=lambda x, t: (0.1 * t, -t))
     same = vx.simulate(vx.Scene(STEEL, *rest[:-1], at), mesh, [0, 0.5, 1])
     assert same.displacement == pytest.approx(found[1].displacement, abs=1e-12)

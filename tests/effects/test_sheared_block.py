@@ -14,7 +14,7 @@ SIDES = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
 
 
 def closed_form():
-    """Return the slips a and the forces q = mu (U - a) / H on the floor, for motions U of the top along the path."""
+    """Return the slips a and the stresses q = MU (U - a) / HEIGHT on the floor, for motions U of the top."""
     a, q = [np.zeros(2)], [np.zeros(2)]
     for U in PATH[1:]:
         trial = MU * (U - a[-1]) / HEIGHT
@@ -24,7 +24,7 @@ def closed_form():
 
 
 def sheared(q, *effects, press=0.0):
-    """Return the scene of a block whose top moves along the path; if the top presses, nu = 0 prevents bulges."""
+    """Return the scene of a block whose top moves along PATH. With `press`, nu = 0 prevents bulges."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]
@@ -39,7 +39,6 @@ def sheared(q, *effects, press=0.0):
 @pytest.mark.parametrize("is_pressed", [False, True])
 @pytest.mark.parametrize("family", SOLIDS)
 def test_a_sheared_block_follows_its_closed_form(family, is_pressed):
-    """At all nodes, the friction force is at most the bound, and the slip has the direction of the force."""
     a, q = closed_form()
     if is_pressed:
         friction = vx.CoulombFriction(BOUND * HEIGHT / (2 * MU * PRESS), on="bottom")
@@ -59,7 +58,7 @@ def test_a_sheared_block_follows_its_closed_form(family, is_pressed):
     size = np.linalg.norm(contact.traction, axis=2)
     assert contact.bound[slips] == pytest.approx(size[slips], abs=10 * loose)
     assert (size < contact.bound + 10 * loose).all()
-    # Dissipation is force times slip; accumulated slip is wear divided by the bound.
+    # Dissipation is force times slip. Accumulated slip is wear divided by the bound.
     work = np.append(0.0, np.cumsum(np.sum(q[1:] * np.diff(a, axis=0), axis=1)))
     assert contact.wear == pytest.approx(np.tile(work[:, None], contact.wear.shape[1]), abs=10 * loose)
     assert contact.accumulated_slip == pytest.approx(contact.wear / BOUND, abs=loose)

@@ -1,4 +1,4 @@
-"""Tabulated data equal the function that interpolates them."""
+"""Tabulated data and interpolating functions are equal."""
 
 import numpy as np
 

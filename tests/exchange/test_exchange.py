@@ -1,4 +1,4 @@
-"""Step programs are read back from files bit for bit, and other software reads and solves these files."""
+"""Step programs survive files bit for bit, and other software solves the files."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ condensed = mostly_long("condense", [True, False])
 
 @cache
 def solve(name, condense=True):
-    """Return the solved program of a step, or for "in space" an unsolved program with discs and a soft limit."""
+    """Return the solved program of a step, or an unsolved program for "in space"."""
     if name != "in space":
         return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(3), TIMES, condense=condense))[1]
     rng = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def solve(name, condense=True):
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("form", FORMATS)
 def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
-    """In a CBF file K is the product F'F, whose entries are sums of n rounded products."""
+    """A CBF file holds a factor F of K. The product F'F has rounding errors."""
     condense = condense or (form, name) == ("cbf", "free")  # CBF needs the condensed program
     program, path = solve(name, condense), tmp_path / f"step.{form}"
     assert vx.write_program(program, path) == path
@@ -92,7 +92,7 @@ def test_programs_are_read_back_bit_for_bit(tmp_path, form, name, condense):
     assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
     if form == "npz":
         assert isinstance(back, vx.SolvedProgram)
-        # If K has a kernel, springs are added to K. The program from the file has other springs and rounding errors.
+        # Programs with a kernel have other rounding errors after reading.
         floor = program.certificate.floor
         assert back.bounds == (
             program.bounds if ours.kernel is None else pytest.approx(program.bounds, rel=0, abs=floor)
@@ -125,13 +125,13 @@ def test_the_description_beside_a_file_has_origin_size_and_optimum(tmp_path):
 @condensed
 @pytest.mark.parametrize("name", ["friction", "bounds", "soft"])
 def test_highs_reads_and_solves_mps_files(tmp_path, name, condense):
-    """The program that is read from the same file certifies the solution of HiGHS."""
+    """The program from the file certifies the solution of HiGHS."""
     program = solve(name, condense)
     vx.write_program(program, tmp_path / "step.mps")
     highs = highspy.Highs()
     highs.setOptionValue("output_flag", False)  # silent() prints a banner
     read, K = highs.readModel(str(tmp_path / "step.mps")), program.operators.K
-    # Since version 1.16, HiGHS warns that it drops entries of K below 1e-9, here rounding errors.
+    # Since version 1.16, HiGHS drops entries of K below 1e-9 with a warning.
     tiny = (K != 0).sum() > (abs(K) > 1e-9).sum()
     assert read == highspy.HighsStatus.kOk or (tiny and read == highspy.HighsStatus.kWarning)
     assert highs.getNumCol() == len(program.g) + len(program.w) + int((program.operators.compliance > 0).sum())
@@ -145,7 +145,7 @@ def test_highs_reads_and_solves_mps_files(tmp_path, name, condense):
     bound = found.error + found.error_floor + program.certificate.error + program.certificate.error_floor
     assert np.sqrt(away @ K @ away) <= bound
     low, high = program.bounds
-    # HiGHS regularises the Hessian by 1e-7; its tolerances are 1e-7.
+    # HiGHS has tolerances of 1e-7.
     assert low - 1e-6 <= highs.getInfo().objective_function_value <= high + 1e-6
     assert found.gap < 1e-6
 
@@ -159,7 +159,7 @@ def test_clarabel_solves_cbf_files_through_an_independent_reader(tmp_path, name,
     kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    # Clarabel requires that the cones contain b - A x; a CBF file requires that they contain A x + b.
+    # Clarabel has the cone constraint b - A x. CBF has the cone constraint A x + b.
     zero, kinds = sp.csc_matrix((len(cost),) * 2), [kinds[kind](size) for kind, size in cones]
     found = clarabel.DefaultSolver(zero, cost, sp.csc_matrix(-A), b, kinds, settings).solve()
     assert str(found.status) == "Solved"
@@ -196,7 +196,7 @@ def test_files_of_other_programs_are_refused(tmp_path, name):
 
 
 def coulomb(law=None, dim=2, condense=True):
-    """Return the last step of a block with Coulomb's law; in space a plate presses, drags and twists it."""
+    """Return the last step of a block with Coulomb's law."""
 
     def plate(x, t):
         y = x[:, 1] - 0.5
@@ -219,7 +219,7 @@ def read_sparse(A):
 
 @mostly_long("dim, condense", [(2, True), (3, True), (2, False)], 0, 2)
 def test_fclib_files_state_a_step_with_coulombs_law_and_its_solution(tmp_path, dim, condense):
-    """h5py reads the file as FCLIB does. The solution in the file satisfies Coulomb's law and is our solution."""
+    """The solution in the file satisfies Coulomb's law, and is our solution."""
     h5py = pytest.importorskip("h5py")
     program = coulomb(dim=dim, condense=condense)
     with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:

@@ -13,11 +13,11 @@ import vemcvx as vx
 STEEL = vx.Elasticity(2e4, 0.3)
 FLOATS = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 GAP = 2e-9
-"""Bound on (upper - factor) / factor. `limit_load` reduces friction by 1e-10, and so the factor by a few 1e-10."""
+"""Bound on (upper - factor) / factor."""
 
 
 def wrench(points, forces):
-    """Return forces (m, dim) at points (m, dim), and their moments about the origin, as columns (6, m)."""
+    """Return forces at points, and moments about the origin, as columns (6, m)."""
     x, f = (np.pad(each, ((0, 0), (0, 3 - each.shape[1]))) for each in np.broadcast_arrays(points, forces))
     return np.hstack([f, np.cross(x, f)]).T
 
@@ -25,8 +25,8 @@ def wrench(points, forces):
 def solve_statics(points, ways, dead, push, friction):
     """Return the largest factor of a push that a floor with friction balances, by a linear program.
 
-    `dead` and `push` are columns of :func:`wrench`; the factor multiplies `push`. At each of the points (m, dim) the
-    floor exerts an upward pressure p and the friction sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= friction p.
+    `dead` and `push` are columns of :func:`wrench`. The factor multiplies `push`. At each point, the floor exerts an
+    upward pressure p and the friction sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= friction p.
     """
     (m, dim), q = points.shape, len(ways)
     columns = [wrench(points, way) for way in (np.eye(dim)[-1], *ways)]
@@ -69,7 +69,7 @@ def test_a_block_slides_or_tips_as_a_linear_program_of_statics_finds(friction, a
 
 @pytest.mark.parametrize("family", ["cubes", pytest.param("voronoi3", marks=pytest.mark.long)])
 def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_programs(family):
-    """In the programs, polygons of 48 sides replace the discs of friction. These lie inside or around the discs."""
+    """In the linear programs, inner or outer polygons replace the discs of friction."""
     mesh = vx.meshes.SPACE_FAMILIES[family](3, box=((0.0, 2.0), (0.0, 1.0), (0.0, 0.5)))
     found = vx.limit_load(rest_on_floor(0.3), mesh, vx.Traction((0.0, 2.0, 0.5), on="right"))
     points = mesh.points[mesh.points[:, 2] < 1e-12]
@@ -83,7 +83,7 @@ def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_progra
 
 
 class Pile:
-    """Three blocks `a`, `b` and `c` in a pile, pressed from above; one block is pushed at its left side."""
+    """Three blocks `a`, `b` and `c` in a pile, pressed from above. A force pushes one block at the left side."""
 
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
@@ -125,7 +125,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
         at, own = np.array([[0.5 * (x0 + x1), y1], [x0, 0.5 * (y0 + y1)]]), pile.nodes(name)
         total = wrench(mesh.points[own], (found.friction + found.pressure)[own]).sum(axis=1)
         assert total + wrench(at, np.array(loads)).sum(axis=1) == pytest.approx(0.0, abs=1e-10 * pile.size)
-    # Joints are horizontal. The lower block of a joint is pressed downwards, and the floor presses block `a` upwards.
+    # Pressure acts downwards on the lower block of a joint, and upwards on block `a` at the floor.
     for nodes, friction, sign in (
         (pile.nodes("a")[mesh.points[pile.nodes("a"), 1] == 0.0], pile.low, 1.0),
         (mesh.interfaces["a|b"].pairs[:, 0], pile.high, -1.0),
@@ -134,7 +134,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
         assert (pressure >= 0.0).all()
         assert (np.abs(found.friction[nodes, 0]) <= friction * pressure + 1e-11 * pile.size).all()
 
-    # The motion found is a mechanism. The work of friction is computed from the slips and from distances of nodes.
+    # The motion found is a mechanism.
     u, floor = found.motion, mesh.points[pile.nodes("a"), 1] == 0.0
     (x0, _), (y0, y1) = pile.boxes[pile.pushed]
     assert (y1 - y0) * pile.way @ pile.mean_motion(pile.pushed, [(x0, y0), (x0, y1)]) == pytest.approx(1.0, abs=1e-9)
@@ -154,7 +154,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
 @FLOATS
 @pytest.mark.parametrize("law", ["Tresca", pytest.param("Coulomb", marks=pytest.mark.long)])
 def test_steps_find_equilibrium_below_the_factor_but_not_above(law):
-    """The block slides at the force 1.2, the largest that friction bears."""
+    """The block slides at the force 1.2."""
     mesh = vx.meshes.voronoi(4, box=((0.0, 2.0), (0.0, 1.0)))
     friction = vx.CoulombFriction(0.2, on="bottom")
     if law == "Tresca":
@@ -184,7 +184,7 @@ def test_compliance_gaps_and_stiffness_do_not_matter():
 
 
 def test_contact_without_friction_has_a_limit_load():
-    """Obstacles hold a block at three sides; the pressure 1 on its top holds it against a force upwards."""
+    """Obstacles hold a block at three sides. The pressure 1 on the top resists upward forces."""
     mesh = vx.meshes.squares(2)
     contact = vx.UnilateralContact(on=["left", "right", "bottom"])
     found = vx.limit_load(

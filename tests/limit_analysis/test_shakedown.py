@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the bo
 STEEL = vx.Elasticity(200.0, 0.3)
 CYCLE = np.arange(4) / 4
 GAP = 5e-9
-"""Largest accepted gap between both bounds of the factor, relative to the factor; gaps up to 2e-9 occur."""
+"""Bound on (upper - factor) / factor."""
 
 
 def stretch(factor, dim=2):
@@ -36,7 +36,7 @@ def held(factor=1.0, bound=1.0):
 
 
 def pushed(factor=1.0, push=0.5, bound=1.0):
-    """Return the scene of a body under cyclic tractions and a constant push; only friction holds the body."""
+    """Return the scene of a body under cyclic tractions and a constant push. Only friction holds the body."""
     return vx.Scene(STEEL, vx.Traction((push, 0.0), on="bottom"), *stretch(factor), *floor(bound))
 
 
@@ -45,14 +45,14 @@ def plane_mesh():
 
 
 def run(scene, mesh, cycles=40):
-    """Simulate cycles; return the work of friction in each cycle, and the history."""
+    """Simulate cycles. Return the work of friction in each cycle, and the history."""
     times = np.append(np.add.outer(np.arange(cycles), CYCLE).ravel(), float(cycles))
     history = vx.simulate(scene, mesh, times, initial="settled", store="last")
     return np.diff(history.trajectory.dissipated[:: len(CYCLE)]), history
 
 
 def check_bounds(found):
-    """Check Melan's conditions and Koiter's cycle; return the sum of its slips, which is equal at all nodes."""
+    """Check Melan's conditions and Koiter's cycle. Return the total slip of the cycle."""
     friction = np.linalg.norm(found.residual + found.factor * found.elastic, axis=2)
     assert (friction <= found.bounds * (1 + 1e-12)).all()
     assert (found.elastic * found.slips).sum() == pytest.approx(1.0)
@@ -71,7 +71,7 @@ def test_elastic_forces_are_those_of_a_run_in_which_all_contact_sticks(scene):
     rows = [np.flatnonzero(np.isclose(history.contact.points, x).all(axis=1))[0] for x in found.points]
     force = (history.contact.traction[:, :, 0] * history.contact.friction_lengths)[:, rows]
     change, E = force - force[0], found.elastic[:, :, 0]
-    # All tangents of the floor point the same way, along x or against it.
+    # All tangents of the floor are equal.
     assert change * np.sign((change * E).sum()) == pytest.approx(E, abs=1e-9)
     assert np.abs(E).max() > 0.1
 
@@ -83,7 +83,7 @@ def test_with_supports_the_factor_is_the_smallest_ratio_of_bound_and_half_range(
 
 
 def smallest_radius(points):
-    """Return the radius of the smallest disc around points: two or three of the points are on its rim."""
+    """Return the radius of the smallest disc around points."""
     centres = [(a + b) / 2 for a, b in combinations(points, 2)]
     for a, b, c in combinations(points, 3):
         rows = 2 * np.array([b - a, c - a])
@@ -105,7 +105,7 @@ def test_in_space_the_factor_is_the_smallest_ratio_of_bound_and_radius():
 
 @pytest.mark.parametrize("push", [0.0, 0.5, 0.9])
 def test_without_supports_the_factor_is_that_of_a_linear_program(push):
-    """The unknowns of the linear program are constant forces, which balance the push, and the factor."""
+    """The unknowns of the linear program are the factor and constant forces that balance the push."""
     found = vx.shakedown(pushed(push=push), plane_mesh(), CYCLE)
     E, g = found.elastic[:, :, 0], found.bounds
     sides = [np.column_stack([sign * np.eye(len(g)), sign * e]) for e in E for sign in (1.0, -1.0)]
@@ -136,7 +136,7 @@ def test_beside_the_factor_slip_stops_or_goes_on(push):
 
 
 def test_only_changes_since_the_first_instant_are_multiplied():
-    """The factor does not depend on the instant where the cycle begins, nor, with a support, on constant loads."""
+    """The first instant of the cycle and constant loads do not change the factor."""
     mesh, load = plane_mesh(), vx.Traction((0.7, 0.1), on="right")
     factors = [vx.shakedown(held(), mesh, CYCLE + start).factor for start in (0.0, 0.25)]
     assert factors[0] == pytest.approx(factors[1], rel=1e-8)
@@ -144,7 +144,7 @@ def test_only_changes_since_the_first_instant_are_multiplied():
 
 
 def test_a_floor_that_moves_loads_friction_like_a_top_that_moves():
-    """The floor shears a block of the height 1 and the shear modulus 100 by .05, so that friction changes by 5."""
+    """The shear .05 of a block with the shear modulus 100 changes friction by 5."""
     mesh, material = plane_mesh(), vx.Elasticity(200.0, 0.0)
     sides = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
     ground = vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (0.05 * t, 0.0))

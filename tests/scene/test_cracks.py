@@ -1,4 +1,4 @@
-"""Cracks whose lips touch, rub and part, under uniform strain: Griffith's crack in a plate, Sneddon's in space."""
+"""Cracks that close, slip and open under uniform strain."""
 
 import numpy as np
 import pytest
@@ -99,7 +99,7 @@ def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
         found.append(opening(history, "open")[1].max() / exact)
     coarse, fine = np.diff(found)
     assert 1.7 < coarse / fine < 2.5
-    # The boundary, at W = 8 a, moves as without a crack: this causes an error of at most 2 (a / W)^2.
+    # The boundary at the distance W = 8 a moves as without a crack. The error is at most 2 (a / W)^2.
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 
@@ -107,7 +107,7 @@ def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
 
 
 def round_block(n, far=6.0):
-    """Return a quarter of a cylinder about z with a crack of radius 1; cells grow away from its rim."""
+    """Return a quarter of a cylinder about z with a crack of radius 1."""
     away = np.geomspace(1.0, far, 2 * n + 1) - 1.0
     radii = np.append(np.linspace(0.0, 1.0, n + 1), 1.0 + away[1:])
     mesh = vx.meshes.ring(radii, n, angles=(0.0, np.pi / 2)).extruded(np.append(-away[:0:-1], away))

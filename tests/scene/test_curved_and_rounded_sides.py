@@ -11,7 +11,7 @@ TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]
 
 
 def block(rounded=lambda x: x, n=8):
-    """Return a rotated square with rounded points; its bottom consists of the parts a and b."""
+    """Return a rotated square with rounded points. The bottom has the parts a and b."""
     square = vx.meshes.squares(n)
     bottom = np.asarray(square.boundaries["bottom"])
     left = square.points[bottom].mean(axis=1)[:, 0] < 0.5
@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding points by e rotates sides by up to 2 e / h = 16 e. The factor 100 allows for slip due to rotations."""
+    """Rounding errors e of points rotate sides by up to 2 e / h = 16 e. The factor 100 allows for slip."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")
@@ -51,7 +51,7 @@ def swollen(x, t):
 @mostly_long("housing", HOUSINGS, "one-sided", "compliant", "rollers")
 @mostly_long("sides", [12, 24], 1)
 def test_a_ring_turns_in_a_frictionless_housing(housing, sides):
-    """Each node has one mean normal; a node with a normal of each adjacent side could not pass corners."""
+    """Each node has one mean normal. With the normals of the sides, the ring would jam."""
     mesh = vx.meshes.ring([1.0, 1.5, 2.0], sides)
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.PrescribedDisplacement(swollen, on="inner"), HOUSINGS[housing])
     history = vx.simulate(scene, mesh, [0, 1, 2])

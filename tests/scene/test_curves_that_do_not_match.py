@@ -41,7 +41,7 @@ def test_normals_of_a_circle_are_radial(cells, order, named, digits):
     x = mesh.points[rows.nodes]
     sign = 1 if named[0] == "inner" else -1
     assert len(rows.nodes) > min(cells)
-    # Points rounded to five digits rotate a side by 1e-5 / length, where the length is 2 pi JOINT / cells.
+    # Rounding to five digits rotates sides by 1e-5 / length, with the length 2 pi JOINT / cells.
     loose = 1e-12 if digits == 16 else 1e-5 * max(cells)
     assert np.abs(rows.normals - sign * x / np.hypot(*x.T)[:, None]).max() < loose
 

@@ -1,4 +1,4 @@
-"""Supports drag nodes against friction, which counts as a force, as work of the supports, and as dissipation."""
+"""Supports drag nodes against friction: forces, work and dissipation."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def course(t):
 
 
 def drag(direction):
-    """Return a support that moves the left side along x, rigidly or free to rise and sink."""
+    """Return a support that moves the left side along x."""
     if direction is None:
         return vx.PrescribedDisplacement(lambda x, t: [course(t), 0.0], on="left")
     return vx.PrescribedDisplacement(lambda x, t: -course(t), on="left", direction=direction)
@@ -28,8 +28,8 @@ def drag(direction):
 def ledger_rest(history):
     """Return the rest of the energy balance, which is zero.
 
-    The rest is work - energy - dissipation - sum over steps of (|du|_A^2 / 2 + p . dz). Here du and dz are increments
-    of displacements and of normal displacements, and p are contact forces.
+    The rest is work - energy - dissipation - sum (du'A du / 2 + p . dz), summed over steps. A is the stiffness. The
+    increments of displacements and normal displacements are du and dz. The contact forces are p.
     """
     posed = pose_scene(history.scene, history.mesh)
     du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
@@ -44,7 +44,7 @@ def ledger_rest(history):
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
 def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, touch):
-    """While the block moves as a whole, its left side bears the friction g of the floor, including the corner node."""
+    """While the block slides, its left side bears the friction g of the floor."""
     g, mesh = 1.0, small(family, 4)
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(

@@ -1,4 +1,4 @@
-"""Bodies without supports have no mean rigid motion if their loads balance, and are refused otherwise."""
+"""Bodies without supports: displacements have no mean rigid motion, and loads must balance."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def tube(angle, sectors, *held):
 
 
 def test_a_whole_tube_under_pressure_has_lames_displacement():
-    """The squared error bound is four times the squared bound of a quarter tube; relative estimates are equal."""
+    """The squared error bound is four times the squared bound of a quarter tube. Relative estimates are equal."""
     history, quarter = (
         vx.simulate(*tube(*arguments), [0.0, 1.0])
         for arguments in ((2 * np.pi, 32), (np.pi / 2, 8, vx.Symmetry(on=["first", "last"])))
@@ -74,7 +74,7 @@ def test_a_run_continues_from_a_run_and_from_any_rigid_motion_of_its_state():
 
 
 def test_bodies_joined_by_friction_float_together():
-    """Two blocks are pressed together. With friction they float as one body; without friction they are refused."""
+    """Two blocks are pressed together. With friction, they float as one body. Without friction, they are refused."""
     box = {"low": (-1.0, 0.0), "up": (0.0, 1.0)}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(3, box=((0, 1), high)) for name, high in box.items()})
     rub = vx.UnilateralContact(on="low|up"), vx.CoulombFriction(0.5, on="low|up")

@@ -19,7 +19,7 @@ SHEAR = YOUNG / (2 * (1 + POISSON))
 
 
 def two_blocks(below, above, n=(2, 3), height=1.0, angle=0.0):
-    """Return two stacked blocks; if rotated by `angle`, the upper block covers a part of the face below."""
+    """Return two stacked blocks. The upper block is rotated by `angle`."""
     families = FAMILIES if below in PLANE else SPACE_FAMILIES
     foot = [(-0.5, 0.5)] * (1 if below in PLANE else 2)
     lower, upper = families[below](n[0], box=(*foot, (-1, 0))), families[above](n[1], box=(*foot, (0, height)))
@@ -43,7 +43,7 @@ def nodes_of_body(mesh, name):
 
 
 def pressed(pressure, shear):
-    """Return a displacement gradient: horizontal stretches, and this pressure and shear on horizontal planes."""
+    """Return a displacement gradient with this pressure and shear on horizontal planes."""
     lame, along = 2 * SHEAR * POISSON / (1 - 2 * POISSON), [0.02, 0.01][: len(shear)]
     gradient = np.diag([*along, -(pressure + sum(along) * lame) / (lame + 2 * SHEAR)])
     gradient[:-1, -1] = shear / SHEAR
@@ -57,7 +57,7 @@ CONTACTS = {
     "stuck by Coulomb": ([PRESSED, COULOMB], 0.3, 0.0),
     "sliding": ([PRESSED, COULOMB], COEFFICIENT, 0.05),
 }
-"""For each kind: its effects, the shear stress at the joint, and the displacement by which the upper body slides."""
+"""Name -> effects, shear stress at the joint, and slip of the upper body"""
 
 
 def assert_patch(mesh, kind):
@@ -139,7 +139,7 @@ def turned_in(sides):
 
 
 def test_bodies_slide_along_a_curve_but_not_around_corners():
-    """Nodes of a curve have the mean normal of their sides; a square peg does not turn in a square hole."""
+    """Nodes of a curve have the mean normal of their sides. A square peg does not turn in a square hole."""
     history = turned_in(24)
     mesh = history.mesh
     turned = 0.1 * np.column_stack([-mesh.points[:, 1], mesh.points[:, 0]])

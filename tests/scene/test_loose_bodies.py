@@ -1,4 +1,4 @@
-"""Errors name floating bodies; a body that is held only by contact with another body causes no warning."""
+"""Errors name floating bodies. A body that contact with another body holds causes no warning."""
 
 import logging
 import re
@@ -27,7 +27,7 @@ def test_contact_that_holds_a_body_to_another_causes_no_warning(caplog):
 
 
 def test_rotations_are_named_by_their_axes():
-    """A long body on an inclined plane may rotate about the normal of the plane; messages name this axis."""
+    """A body on an inclined plane may rotate about the normal of the plane."""
     straight = vx.meshes.cubes(1, box=((0, 4), (0, 1), (0, 1)))
     c, s = np.cos(0.5), np.sin(0.5)
     points = straight.points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
@@ -62,7 +62,7 @@ def test_a_skew_body_in_space_is_held_by_a_clamp():
 
 
 def test_an_interface_without_contact_is_logged(caplog):
-    """Contact of one body with an obstacle is no contact between two bodies, so the interface is still logged."""
+    """Contact of one body with an obstacle is no contact between two bodies."""
     parts = {"a": vx.meshes.squares(2, box=((0, 2), (0, 1))), "b": vx.meshes.squares(2, box=((0, 1), (1, 2)))}
     mesh = vx.meshes.bodies(parts)
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on=["a.bottom", "b.top"]), vx.UnilateralContact(on="a.top"))

@@ -1,4 +1,4 @@
-"""Boundary parts with contact or friction that share nodes or edges: integrals over a part include only its edges."""
+"""Boundary parts with contact or friction that share nodes or edges."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def floor(family, n=5):
 
 
 def share(mesh, name, nodes):
-    """Return the integrals of the basis functions of these nodes over a part of the boundary."""
+    """Return the integrals of nodal basis functions over a part of the boundary."""
     part = vx.vem.Space(mesh).part(name, "test")
     length = np.zeros(mesh.n_nodes)
     length[part.nodes] = part.node_lengths
@@ -71,7 +71,7 @@ def test_a_side_divided_into_two_parts_acts_as_one_side(family, pair):
 
 @few_families
 def test_the_bound_where_two_parts_meet_is_the_mean_over_their_edges(family):
-    """A block is dragged over two floors: the bound at their common node is the mean of their bounds."""
+    """A block is dragged over two floors that share a node."""
     mesh = floor(family)
     parts = vx.TrescaFriction(0.5, on="west"), vx.TrescaFriction(2.0, on="east")
     contact = run(mesh, vx.BilateralContact(on="bottom"), *parts).contact
@@ -127,11 +127,11 @@ def test_the_nearer_of_two_obstacles_stops_a_node(family):
 @mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("touch", [vx.UnilateralContact, vx.BilateralContact, lambda on: vx.NormalCompliance(1e4, on)])
 def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
-    """Equal pressures on two sides press a block into a corner: the contact pressure is 1, also at the corner."""
+    """The pressure 1 on two sides presses a block into a corner."""
     mesh = moved(small(family, 4), rotation(np.deg2rad(degrees)))
     scene = vx.Scene(STEEL, touch(on="left"), touch(on="bottom"), vx.Pressure(1.0, on=["right", "top"]))
     contact = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", solver=vx.Newton(accuracy=1e-10)).contact
     assert np.abs(contact.pressure[-1] - 1.0).max() < 1e-9
-    if touch is not vx.BilateralContact:  # Two bilateral contacts fix the corner, which then is no contact node.
+    if touch is not vx.BilateralContact:  # Two bilateral contacts fix the corner node.
         assert contact.lengths.sum() == pytest.approx(2.0, rel=1e-12)
         assert len(contact.nodes) == len(np.union1d(*(np.unique(mesh.boundaries[name]) for name in ("left", "bottom"))))

@@ -12,7 +12,7 @@ FRICTIONS = {"Coulomb": vx.CoulombFriction, "Tresca": vx.TrescaFriction}
 
 
 def mirrored(mesh, axis):
-    """Return the union of a mesh in space and its mirror image; the coordinate `axis` is zero on the mirror."""
+    """Return the union of a mesh in space and its mirror image."""
     image = mesh.points.copy()
     image[:, axis] *= -1
     beyond = np.flatnonzero(image[:, axis] != 0)
@@ -24,7 +24,7 @@ def mirrored(mesh, axis):
 
 
 def check_fields(part, whole, loose):
-    """Check that a part has the contact fields of the whole body; return the part's nodes, as numbered in the whole."""
+    """Compare the contact fields of a part and the whole body. Return node numbers in the whole body."""
     one, two = part.contact, whole.contact
     apart = np.linalg.norm(one.points[:, None] - two.points, axis=2)
     there = apart.argmin(axis=1)
@@ -87,7 +87,7 @@ def rings(sectors, turn, order):
 @pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" in ".join)
 @pytest.mark.parametrize("law", FRICTIONS)
 def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order):
-    """If normals were not averaged with their mirror images, friction at the cuts would be .30 times the pressure."""
+    """Without mirrored normals, friction at the cuts would be .30 times the pressure."""
     joint = "|".join(order)
     effects = (
         STEEL,
@@ -99,7 +99,7 @@ def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order)
         vx.simulate(vx.Scene(*effects, *more), rings(cells, turn, order), [0, 0.5, 1], solver=vx.Newton(1e-7))
         for turn, cells, more in ((2 * np.pi, 16, []), (np.pi / 2, 4, [vx.Symmetry(on="cut")]))
     )
-    # Newton's accuracy is 1e-7 in the energy norm; relative errors of single nodal forces are larger.
+    # Newton's accuracy is 1e-7 in the energy norm. Relative errors of nodal forces are larger.
     check_fields(quarter, whole, 1e-6)
     p = quarter.contact.pressure[-1]
     assert np.ptp(p) <= 1e-6 * p.max()
@@ -110,7 +110,7 @@ def test_a_quarter_of_a_press_fit_has_no_more_friction_than_the_ring(law, order)
 @pytest.mark.parametrize("law", FRICTIONS)
 @pytest.mark.parametrize("parts", [2, 4])
 def test_parts_of_a_round_body_in_space_have_the_contact_fields_of_the_whole(parts, law):
-    """A block of tetrahedra rests on a paraboloid; a quarter of the block has two planes of symmetry."""
+    """A block of tetrahedra rests on a paraboloid. A quarter of the block has two planes of symmetry."""
     block = vx.meshes.tetrahedra(3)
     x, y, z = block.points.T
     floor = (x**2 + y**2) / 3
@@ -156,7 +156,7 @@ def normal_at_the_end(mesh, *supports):
 
 @mostly_long("degrees", [0.0, 21.0, 21.5], 1)
 def test_a_wedge_on_a_line_of_symmetry_has_the_normals_of_the_whole_body(degrees):
-    """If the normals of the sides differ by less than 42.5 degrees, the sides are one curve; else they form a tip."""
+    """Two sides form a curve if their normals differ by less than 42.5 degrees."""
     normal = normal_at_the_end(slope(degrees), vx.Symmetry(on="left"))
     if 0 < degrees < 21.25:
         assert np.abs(normal - [0.0, -1.0]).max() < 1e-15

@@ -12,7 +12,7 @@ BOX = ((0.0, 1.0), (0.0, 1.2), (0.0, 0.9))
 
 
 def test_contact_holds_every_normal_at_edges_and_corners():
-    """A cube lies in a corner: nodes slide along a wall, or along the edge of two walls; the corner node is fixed."""
+    """A cube in a corner slides along walls and edges. The corner node is fixed."""
     mesh = vx.meshes.cubes(2)
     walls = ["left", "front", "bottom"]
     scene = vx.Scene(
@@ -37,7 +37,7 @@ def test_contact_holds_every_normal_at_edges_and_corners():
 
 
 class Independent:
-    """A block of linear tetrahedra in scikit-fem; cvxpy minimises the energy of a step over all unknowns."""
+    """A block of linear tetrahedra in scikit-fem. cvxpy minimises the energy of a step over all unknowns."""
 
     def __init__(self, mesh, lam, mu):
         cells = mesh.cell_nodes[1].reshape(-1, 4)

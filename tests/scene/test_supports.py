@@ -13,7 +13,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def held_by(history, name, direction):
-    """Return the displacements of the nodes of a boundary along a direction, an array (S, m)."""
+    """Return the displacements (S, m) of boundary nodes along a direction."""
     nodes = np.unique(history.mesh.boundaries[name])
     return history.displacement[:, nodes] @ np.asarray(direction)
 
@@ -95,7 +95,7 @@ def test_every_friction_term_has_one_unknown(family, degrees, surface):
     """If each friction term reads one unknown, sticking is exact, also on an incline."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
-    # Normals of a part are means over fewer edges; they differ by rounding from the normals of the whole contact side.
+    # The normals of a part and of the whole side differ by rounding.
     mesh = mesh.with_boundary("rough", lambda x: (np.abs((x @ R)[:, 1]) < 1e-9) & ((x @ R)[:, 0] < 0.6))
     on = "rough" if surface == "part of the contact" else "bottom"
     contact = [] if surface == "no contact" else [vx.BilateralContact(on="bottom")]
@@ -114,6 +114,6 @@ def test_a_body_held_everywhere_has_no_unknowns():
     )
     assert np.array_equal(history.displacement, TIMES[:, None, None] * history.mesh.points)
     assert not history.certificate.any()
-    # u = t x: 1/2 a(u, u) = 1/2 t^2 (4 mu + 4 lam) on the unit square.
+    # The energy of u = t x on the unit square is 1/2 t^2 (4 mu + 4 lam).
     lam, mu = history.moduli[:, 0]
     assert history.energy == pytest.approx(0.5 * TIMES**2 * (4 * mu + 4 * lam), rel=1e-14)

@@ -1,9 +1,8 @@
 """Derivatives of random scenes equal central differences of certified runs, and the adjoint equals the forward sweep.
 
-The step of the central differences is 1e-4 times the parameter. Their truncation error is about 1e-8 of the
-largest derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step in
-which active sets of the runs differ, or are about to change. All later states depend on this step.
-Parameters have different units, so derivatives are compared after multiplication by the parameters.
+The step of the central differences is 1e-4 times the parameter. The truncation error is about 1e-8 of the largest
+derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step in which
+active sets of the runs differ. Derivatives are multiplied by the parameters before the comparison.
 """
 
 import warnings
@@ -80,7 +79,7 @@ def draw(seed, kind):
 
 
 def compare(seed, kind):
-    """Check the derivatives of a random scene; return the number of compared steps."""
+    """Check the derivatives of a random scene, and return the number of compared steps."""
     scene_of, theta, mesh, times, of = draw(seed, kind)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)  # A body that friction alone holds causes a warning.
@@ -95,8 +94,7 @@ def compare(seed, kind):
                 same &= (active_sets(other) == sets).all(axis=1)
     steps = int(np.argmin(np.append(same, False)))
     size = np.abs(quotients).max(axis=(1, 2), keepdims=True)
-    # `vx.Newton` adds 1e-11 to the unit diagonal of its matrix. Therefore sticking nodes have slips of about 1e-11. The
-    # exact slips are zero.
+    # `vx.Newton` adds 1e-11 to a unit diagonal, so sticking nodes have slips of about 1e-11.
     size = np.maximum(size, 1e-5 * np.abs(found.values).max())
     off = np.abs(found.jacobian * theta - quotients)[:, :steps]
     assert (off <= 1e-6 * size).all(), f"{kind}, seed {seed}: {(off / size).max():.1e}"

@@ -42,7 +42,7 @@ def test_a_fit_finds_young_poisson_and_friction_from_a_noisy_loop():
 
 @pytest.mark.slow
 def test_standard_errors_cover_the_truth_in_nineteen_of_twenty_draws():
-    """Of 60 normal errors, 57.3 are within two standard errors on average, and with 99 % probability 53 or more."""
+    """With a probability of 99 %, at least 53 of 60 normal errors are within two standard errors."""
     assert (np.abs(fit_draws(20)) <= 2.0).sum() >= 53
 
 
@@ -56,7 +56,7 @@ def test_without_noise_a_fit_ends_at_the_parameters_of_the_loop():
 
 
 def test_a_parameter_without_influence_has_an_infinite_error():
-    """The friction bound of a block that sticks does not change the displacement of its top."""
+    """The friction bound of a block that sticks does not change the displacement of the top."""
 
     def scene_of(theta):
         pull = vx.Traction(lambda x, t: [theta[0] * t, 0.0], on="right")
@@ -78,14 +78,14 @@ def hats(x):
 
 
 def joint(theta):
-    """Pull a strip over ground whose friction bound varies along it."""
+    """Pull a strip over ground with a variable friction bound."""
     pull = vx.Traction(lambda x, t: [1.2 * t, 0.0], on="right")
     rough = vx.BilateralContact(on="bottom"), vx.TrescaFriction(lambda x, t: hats(x) @ theta, on="bottom")
     return vx.Scene(vx.Elasticity(10.0, 0.0), pull, vx.Symmetry(on="left"), *rough)
 
 
 def gripped(theta):
-    """Push a pressed block over ground whose coefficient of friction varies along it."""
+    """Push a pressed block over ground with a variable coefficient of friction."""
     move = vx.PrescribedDisplacement(lambda x, t: [0.02 * t, -0.01], "top")
     rough = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(lambda x, t: hats(x) @ theta, on="bottom")
     return vx.Scene(vx.Elasticity(200.0, 0.3), move, *rough)
@@ -156,7 +156,7 @@ def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
         (np.inf, 0.5, {}, "an infinite value"),
         (1.0, 0.5, {"bounds": ([150.0, 0.0, 0.0], [150.0, 0.4, 1.0])}, "smallest below largest"),
         (1.0, 0.5, {"penalty": [[np.nan, 0.0, 0.0]] * 3}, "penalty: found NaN"),
-        (1.0, 0.0, {"penalty": np.eye(3)}, "changes the unknowns"),  # Without friction there are no friction forces.
+        (1.0, 0.0, {"penalty": np.eye(3)}, "changes the unknowns"),
     ],
 )
 def test_fits_that_cannot_begin_are_refused(value, start, options, words):

@@ -1,12 +1,7 @@
 """Random scenes with all effects, supports and settings, on which certificates and error estimates are tested.
 
-``draw(seed)`` returns a scene on a small mesh with its instants, solver and settings; equal seeds give equal scenes.
-Scenes have materials of every kind and unit, all supports, and bodies that only friction and contact hold. Contact is
-on one, two or three sides, or on two parts of a side; it is bilateral, unilateral or soft, with gaps that move.
-Friction is Tresca's, Coulomb's (perhaps with a cap) or absent, on ground that stands still or moves. Loads of all kinds
-reverse, stay constant, vanish or hardly change; some scenes have dashpots. Runs are condensed or not, with all solvers
-and both linear solvers. They start from zero, from a settled state, in equilibrium or from a given state; some runs are
-interrupted and resumed. ``draw_two_bodies(seed)`` puts a second body in place of the ground.
+``draw(seed)`` returns a scene on a small mesh, instants, a solver and settings. Equal seeds give equal scenes.
+``draw_two_bodies(seed)`` puts a second body in place of the ground.
 """
 
 from __future__ import annotations
@@ -69,7 +64,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # A second generator leaves all other draws as they are.
+        self.belts = np.random.default_rng([seed, 42])  # A second generator preserves the scenes of all seeds.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -154,7 +149,7 @@ class _Draw:
         return _Course(self.times, np.asarray(values, dtype=float))
 
     def pressing(self):
-        """Return a course in time that presses and never pulls."""
+        """Return a course in time with values >= 0."""
         values = np.linspace(0, 1, len(self.times)) if self.chance(0.5) else self.rng.uniform(0.3, 1, len(self.times))
         if not self.late:
             values[0] = 0.0
@@ -192,7 +187,7 @@ class _Draw:
         return vx.Traction(lambda x, t: course(t) * np.column_stack([g(x) for g in f]), on=side)
 
     def force(self):
-        """Return one load of a random kind; its size is proportional to the stiffness."""
+        """Return a load of a random kind."""
         stress = self.young * self.strain
         kind = self.one("traction", "pressure", "body", "point", "heat", "prestress")
         course, f, g = self.course(), self.field(stress, -1, 1), self.field(stress, -1, 1)
@@ -214,7 +209,7 @@ class _Draw:
         return vx.Prestress(lambda x, t: course(t) * np.column_stack([f(x), g(x), h(x)]))
 
     def bound(self):
-        """Return a friction bound: constant, varying in space or in time, zero in places, huge or zero."""
+        """Return a random friction bound."""
         size = self.young * self.strain * self._ten(-2, 0.3)
         kind = self.one("constant", "constant", "varies", "in time", "zero in places", "huge", "zero", "jumps")
         f, course = self.field(size), self.pressing()
@@ -235,7 +230,7 @@ class _Draw:
 
     def tresca(self, side):
         if self.chance(0.2):
-            self.bound()  # An unused draw, which keeps the scenes of all seeds as they are.
+            self.bound()  # This unused draw preserves the scenes of all seeds.
         rule = self.one("nodes", "nodes", "integral")
         return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, ground=self.ground())
 
@@ -250,7 +245,7 @@ class _Draw:
         return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
-        """Return None, or a displacement of the ground, up to a thousand times the displacement of the body."""
+        """Return a displacement of the ground, or None."""
         if self.belts.random() > 0.12:
             return None
         self.kinds.add("belt")
@@ -392,16 +387,13 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Scenes with a kernel refuse iterative solvers and equilibrium starts. One in ten keeps these settings.
+            # Scenes with a kernel refuse iterative solvers and equilibrium starts.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
 
 def draw_two_bodies(seed):
-    """Return the scene of a seed, with a second body as ground; None if the first is turned, thin or inhomogeneous.
-
-    The interface is named "bottom", so that the contact of the ground acts there. The second body stands on a clamp.
-    """
+    """Return the scene of a seed with a second body as ground, or None. The interface has the name "bottom"."""
     drawn = draw(seed)
     if drawn.kinds & {"turned", "thin", "contrast"}:
         return None
@@ -425,7 +417,7 @@ def draw_two_bodies(seed):
 
 
 def _has_kernel(effects, mesh):
-    """Return True if only friction and one-sided contact hold the body; False if supports or nothing hold it."""
+    """Return True if only friction and one-sided contact hold the body."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:

@@ -9,7 +9,7 @@ from vemcvx.scene import pose_scene
 
 
 def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
-    """Return the System of the unit cube with n cells per edge. The right side is clamped; traction(t) acts on the top.
+    """Return the System of the unit cube with n cells per edge, a clamp on the right, and traction(t) on the top.
 
     Friction on the bottom is Tresca's with `bound`, or Coulomb's if `coefficient` is given.
     """
@@ -25,7 +25,7 @@ def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=T
 
 
 def assert_within_both_certificates(system, direct, iterative):
-    """Check that runs of both linear solvers agree within their certificates, and that the same norm terms stick."""
+    """Check that runs of both linear solvers agree within their certificates, and that the same nodes stick."""
     assert iterative.certificate.max() <= 1e-8
     apart = iterative.state - direct.state
     distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))

@@ -1,8 +1,7 @@
-"""Distances from a known displacement or from a much finer run, with which tests compare guaranteed bounds.
+"""Energy errors of displacements, computed from a known displacement or from a finer run.
 
-|.|_a is the energy norm. A cell is a fan of n triangles; arrays of a chunk of c cells have the shape (c, n, ...). Each
-triangle has three parts with 10 nodes in all, so a displacement has 20 values in a triangle. Strains are given at 18
-points of a triangle, the stations (see `vemcvx.bound.fan`).
+|.|_a is the energy norm. A cell is a fan of n triangles. Arrays of c cells have the shape (c, n, ...). A displacement
+has 20 values in a triangle, at 10 nodes. Strains have values at 18 stations of a triangle (`vemcvx.bound.fan`).
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ def circle_of(history):
 
 
 def inside(fans, outline, body):
-    """Return the displacement (c, n, 20) of least potential energy that has the given values on the outlines."""
+    """Return the displacement (c, n, 20) of least potential energy with the boundary values `outline`."""
     n, around = fans.n, _slots(fans.n)
     within = 6 * n + 2 + 8 * np.arange(n)[:, None] + np.arange(8)
     T, F = triangle_forms(fans), np.einsum("ctij,cj->cti", fans.forces, body)
@@ -41,7 +40,7 @@ def inside(fans, outline, body):
 
 
 def compute_nodal_values(circle, u, t):
-    """Yield the fans of each chunk of cells, and the nodal values (c, n, 20) of the conforming displacement."""
+    """Yield fans, and nodal values (c, n, 20) of the conforming displacement."""
     body = circle.boundary.reader.body_forces(t)[0]
     outline = circle.equilibrium.edges.outline(u)
     for one in circle.forms:
@@ -49,7 +48,7 @@ def compute_nodal_values(circle, u, t):
 
 
 def energy_distance(circle, one, other):
-    """Return |v - w|_a for the conforming displacements v, w of two nodal arrays, under equal body forces."""
+    """Return |v - w|_a for the conforming displacements v, w of two nodal arrays."""
     apart = one - other
     body = np.zeros((circle.posed.space.mesh.n_cells, 6))
     v = Defect(np.zeros(0), circle.equilibrium.edges.outline(apart), body)
@@ -58,20 +57,20 @@ def energy_distance(circle, one, other):
 
 
 def compute_enriched_values(pair):
-    """Yield fans and nodal values of v + w for each chunk: w enriches the conforming displacement v inside cells."""
+    """Yield fans, and nodal values (c, n, 20) of the enriched displacement."""
     for one in pair.circle.forms:
         yield one.fans, inside(one.fans, pair.richer.outline[one.outlines], pair.read.body[one.fans.cells])
 
 
 def strains_at_stations(fans, v):
-    """Return the strains e_xx, e_yy and 2 e_xy at stations, (c, n, 18, 3), from nodal values v (c, n, 20)."""
+    """Return the strains (c, n, 18, 3) at stations from nodal values v (c, n, 20)."""
     c, n, _ = v.shape
     grad = np.einsum("sak,ctkr,ctab->ctsrb", SLOPES, v.reshape(c, n, 10, 2), fans.back, optimize=True)
     return np.stack([grad[..., 0, 0], grad[..., 1, 1], grad[..., 0, 1] + grad[..., 1, 0]], axis=3)
 
 
 def evaluate_at_rule(values):
-    """Yield for each chunk the fans, strains (c, n, 21, 3), and the points and weights of the quadrature."""
+    """Yield fans, strains (c, n, 21, 3), quadrature points and quadrature weights."""
     lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
     for fans, v in values:
         c, n, _ = v.shape
@@ -97,7 +96,7 @@ def strain_at(circle, u, t, x):
         corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
         t_of = corners.min(axis=2).argmax(axis=1)
         every = np.arange(len(mine))
-        # Part k is at the edge from corner k. There the coordinate of the opposite corner, k + 2 (mod 3), is smallest.
+        # In part k, the barycentric coordinate of corner k + 2 (mod 3) is smallest.
         part = (corners[every, t_of].argmin(axis=1) + 1) % 3
         slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
         values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]
@@ -112,7 +111,7 @@ def error_from(circle, u, t, strain):
 
 
 def integrate_error(values, strain):
-    """Return |w - v|_a, where w has the strains strain(x), and v has the given nodal values of each chunk."""
+    """Return |w - v|_a, where w has the strains strain(x), and v has the nodal values `values`."""
     squared = 0.0
     for fans, own, x, weights in evaluate_at_rule(values):
         apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
@@ -121,17 +120,17 @@ def integrate_error(values, strain):
 
 
 def enriched_bound(pair):
-    """Return a bound of |u - v - w|_a: u is the solution, v + w the enriched displacement."""
+    """Return a bound of |u - v - w|_a for the solution u and the enriched displacement v + w."""
     A2 = pair.circle.squares(pair.richer).sum()
     return float(0.5 * np.sqrt(A2) + np.sqrt(0.25 * A2 + pair.law_defect))
 
 
 def beside_refined(coarse, part, most=20_000):
-    """Compare a coarse run of one step from rest with a finer run, and return three results of the comparison.
+    """Compare a coarse run of one step with a finer run.
 
     Let u be the exact solution, v and v_f the displacements of the coarse and the finer run, and w_f the enrichment of
     v_f. The results are |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run. The finer
-    mesh is refined until the bound is at most `part` times the coarse run's error, or the mesh has over `most` cells.
+    mesh is refined until the bound is at most `part` times the coarse error, or the mesh has over `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

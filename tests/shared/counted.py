@@ -8,7 +8,7 @@ from typing import Any
 
 
 def calls(action: Callable[[], Any]) -> int:
-    """Count the calls of Python and C functions in `action`; in vectorised code, the count is independent of sizes."""
+    """Count the calls of Python and C functions in `action`."""
     count = 0
 
     def seen(_: object, event: str, __: object) -> None:

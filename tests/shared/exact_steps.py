@@ -1,18 +1,17 @@
 """One step of backward Euler, solved in fixed-point numbers with 512 fractional bits to check certificates.
 
-From a System and the state before a step, this module poses the step's program again, without rounding. Unknowns are
-the increment d, the multipliers lam of norm terms and the pressures p of limits. For given sets (sticking terms,
-slipping terms with their directions, active limits), the optimality conditions are the linear system
+This module poses the program of a step again, without rounding. Unknowns are the increment d, the multipliers lam of
+norm terms B d - b, and the pressures p of limits D d <= e. The sets of sticking terms, slipping terms and active limits
+determine a linear system,
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
-with weights w and compliances c. The solution is refined, with factors in double precision, until the residual is below
-1e-60. Sets change by a primal-dual active set method, or by single pivots if sets repeat (Murty 1974), until every
-inequality holds to 1e-48. Here the largest force and the diagonal of K have size one. With given weights, the solution
-is *the* minimiser, unique in the seminorm of K. With Coulomb's law, other solutions may exist.
+with weights w and compliances c. Iterative refinement reduces the residual below 1e-60. A primal-dual active set method
+corrects the sets until every inequality holds to 1e-48. If sets repeat, single pivots replace this method (Murty 1974).
+With weights that do not depend on p, the solution is unique in the seminorm of K.
 
-Units are powers of two: d_i = 2^(a - e_i) times the scaled increment, where K_ii 2^(-2 e_i) is of size one. Energies
-are 2^(2a) times the energies of the scaled program.
+All scale factors are powers of two. The increment d_i is 2^(a - e_i) times the scaled increment, and K_ii 2^(-2 e_i) is
+of size one.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ STICKS = 0
 
 
 def fixed(values):
-    """Convert an array of doubles to fixed-point numbers: integers, in units of 2^-BITS, rounded down."""
+    """Convert doubles to fixed-point numbers, which are integers in units of 2^-BITS."""
     values = np.asarray(values, dtype=float)
     mantissa, exponent = np.frexp(values)
     whole, exponent = (mantissa * 2.0**53).astype(np.int64), exponent + (BITS - 53)
@@ -101,7 +100,7 @@ def _multiply(A, B):
 
 
 def _project_out(K, N):
-    """Return P K P, where P projects out the columns of the kernel N. Without rounding errors P K P would be K."""
+    """Return P K P, with the orthogonal projection P onto the complement of the kernel N."""
     gram = [[int(v) for v in row] for row in _multiply(N.T, N)]
     size = max(gram[i][i] for i in range(len(gram))).bit_length() - BITS
     N = N >> (size // 2) if size > 0 else N << (-size // 2)
@@ -117,7 +116,7 @@ def _project_out(K, N):
 
 
 def eliminate(matrix, right):
-    """Solve a dense fixed-point linear system by elimination; unknowns without a pivot are zero."""
+    """Solve a dense fixed-point linear system by elimination."""
     A, x, n = matrix.copy(), right.copy(), len(right)
     pivots, k = [], 0
     for column in range(n):
@@ -240,7 +239,7 @@ class Steps:
         return np.ldexp(floats(d), self.power + unit)
 
     def _scale_law(self, t, weights, a):
-        """Return (w, M), scaled: the weights are w + M p."""
+        """Return the scaled w and M of the weights w + M p."""
         norms = self.system.norms
         m, r = self.B.shape[0], self.E.shape[0]
         none = Matrix.from_matrix(sp.csr_matrix((m, r)))
@@ -309,7 +308,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio of their rows) for each pair whose rows have a single, common unknown."""
+        """Return (norm term, limit, ratio) for all pairs of rows with one common unknown."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)

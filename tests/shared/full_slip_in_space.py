@@ -2,8 +2,8 @@
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 
-Lame's constants are lambda and mu = 1. On the floor z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y). So friction is
-opposite to the slip, with the bound g = mu x |(u_x, u_y)|. The divergence of u has no part of u_y, as d_y u_y = 0.
+Lame's constants are lambda and mu = 1. On the floor z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y). Friction is
+opposite to the slip, with the bound g = mu x |(u_x, u_y)|.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def scene(poisson=0.3, pulled=False):
 
 
 def energy_error(history, lam):
-    """Return the relative energy error of Pi u at the last instant, from four quadrature points per tetrahedron."""
+    """Return the relative energy error of the strains at the last instant."""
     mesh = history.mesh
     rows, nodes = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
     cell = cell_of_corner(mesh.cell_offsets)[cell_of_corner(rows)]

@@ -1,4 +1,4 @@
-"""Damaged files, and readers in separate processes with limited time and memory, so that crashes are detected."""
+"""Damaged files, and readers in separate processes with limited time and memory."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import vemcvx as vx
 
 ROOT = Path(vx.__file__).parent.parent
 MEMORY = 2 * 2**30
-"""Bytes that a process may use. The limit for reserved bytes is four times as large: some readers reserve more."""
+"""Bytes that a process may use. The limit of reserved bytes is four times as large."""
 SECONDS = 30
-"""CPU seconds for a batch of files; an undamaged file takes milliseconds. The wall-clock limit is ten times larger."""
+"""CPU seconds for a batch of files. The wall-clock limit is ten times as large."""
 
 STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe", b"300000000")
 READER = textwrap.dedent(
     """
     import sys, warnings
     from pathlib import Path
-    if sys.platform == "linux":  # Other systems do not limit memory; only the wall clock ends a reader that hangs.
+    if sys.platform == "linux":  # Other systems have no limits.
         import resource
         resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
         resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)
@@ -47,7 +47,7 @@ READER = textwrap.dedent(
 
 
 def read_all(paths, kind="mesh"):
-    """Read files in a separate process; return the error message of each file, or "" for files that were read."""
+    """Read files in a separate process. Return the error message of each file, or ""."""
     command = [sys.executable, "-c", READER, str(MEMORY), str(SECONDS), kind, *map(str, paths)]
     done = subprocess.run(
         command,

@@ -7,10 +7,9 @@ degrees. A step of backward Euler is the convex program of all nodal displacemen
               + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
     subject to  E u = h  at supports,   n_j.u <= gap_j  at rigid obstacles,
 
-in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program to 1e-13 if
-possible. On the active sets of Clarabel's answer (slipping rows, pressing obstacles), the optimality conditions are
-solved again as a dense linear system, and all inequalities are checked. Coulomb's friction, w = mu p with pressures p,
-needs a fixed-point iteration, in which each program begins with the sets of the previous program.
+in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program. A
+dense linear system then gives the solution on the active sets of Clarabel's answer, and all inequalities are checked.
+Coulomb's friction, w = mu p with pressures p, needs a fixed-point iteration.
 
 Friction exerts the nodal force -lam_i t_i on the body, with |lam_i| <= w_i, and the obstacle exerts -p_j n_j.
 """
@@ -73,7 +72,7 @@ class NotPolished(AssertionError):
 
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i). `lengths` are the integrals of the nodes' basis functions.
+    """Directions at nodes: row i is direction_i . u(node_i). `lengths` are integrals of nodal basis functions.
 
     Between bodies, row i is direction_i . (u(node_i) - u(partner_i)).
     """
@@ -93,7 +92,7 @@ class Rows:
 
 @dataclass
 class Body:
-    """A box of linear elastic triangles, with supports, loads, contact and friction that the methods add."""
+    """A box of linear elastic triangles."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -146,7 +145,7 @@ class Body:
         return Rows(nodes, np.tile(direction, (len(nodes), 1)), lengths[nodes])
 
     def integral(self, side, g):
-        """Return the integrals of g times the basis function over a side, for each node; g(x) is a polynomial."""
+        """Return the integrals of a polynomial g times nodal basis functions over a side."""
         basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=8)
         return skfem.LinearForm(lambda v, w: g(np.array(w.x)) * v).assemble(basis)[self.nodes(side)]
 
@@ -166,7 +165,7 @@ class Body:
         """Set an orthotropic material in plane stress, with axis 1 at an angle from x."""
         compliance = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
         c, s = np.cos(angle), np.sin(angle)
-        # `turn` maps stresses along x, y to stresses along the axes; its inverse transpose maps strains (with 2 e_xy).
+        # `turn` maps stresses in x, y to stresses in material axes.
         turn = np.array([[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]])
         law = np.linalg.inv(turn) @ np.linalg.inv(compliance) @ np.linalg.inv(turn).T
         self.K = self.K + self._matrix(anisotropic, **{f"c{i}{j}": law[i, j] for i in range(3) for j in range(3)})
@@ -206,7 +205,7 @@ class Body:
         return self.traction(side, lambda x, y, t: (-value(x, y, t) * n[0], -value(x, y, t) * n[1]))
 
     def body_force(self, force):
-        """Add a body force that is affine in space: its mean over a triangle is its value at the centroid."""
+        """Add a body force, evaluated at centroids."""
 
         def load(t):
             x, y = self.centroids.T
@@ -225,7 +224,7 @@ class Body:
         return self
 
     def prestress(self, stress):
-        """Add an initial stress, stress(x, y, t) -> xx, yy, xy at centroids, which acts as -int sigma : eps(v)."""
+        """Add the load -int sigma : eps(v) of an initial stress sigma, with xx, yy, xy = stress(x, y, t)."""
 
         def load(t):
             x, y = self.centroids.T
@@ -277,7 +276,7 @@ class Body:
         return self
 
     def rub(self, side, bound=None, coefficient=None, integrated=False):
-        """Add friction on a side: bound(x, y, t), or coefficient(x, y) times the pressure of the obstacle there."""
+        """Add friction with the bound bound(x, y, t), or coefficient(x, y) times the pressure."""
         rows = self._free(self.rows(side, tangents=True))
         x, y = self.points[rows.nodes].T
 
@@ -340,7 +339,7 @@ class State:
     q: np.ndarray
     """reactions along prescribed directions"""
     sets: tuple = ()
-    """directions of slip of friction rows (0: sticks), and which obstacles press"""
+    """slip directions of friction rows (0 for sticking rows), and a mask of active obstacles"""
 
 
 @dataclass
@@ -375,7 +374,7 @@ class March:
         self.press = self._find_pressing_walls()
 
     def _find_pressing_walls(self):
-        """Return a matrix: mu for each friction row and each obstacle row at the same node, otherwise zero."""
+        """Return the friction coefficients (friction rows, obstacle rows)."""
         out = []
         for rows, _, mu in self.body.rubs:
             found = np.zeros((len(rows.nodes), len(self.spring)))
@@ -393,7 +392,7 @@ class March:
         return np.concatenate([np.zeros(0), *(gap(t) for _, gap, _ in self.body.obstacles)])
 
     def bounds(self, t, p):
-        """Return the friction bounds of the rows as forces."""
+        """Return the friction bounds as nodal forces."""
         parts = [np.zeros(len(rows.nodes)) if weights is None else weights(t) for rows, weights, _ in self.body.rubs]
         return np.concatenate([np.zeros(0), *parts]) + self.press @ p
 
@@ -417,7 +416,7 @@ class March:
             loss.append(loss[-1] + rubbed + du @ (body.C @ du) / k)
             work.append(work[-1] + f @ du - now.q @ moved - pushed)
             states.append(now)
-        # A spring compressed by z stores k z^2 / 2 = p^2 / 2k.
+        # A spring with the stiffness k and the force p stores p^2 / 2k.
         give = np.divide(1.0, self.spring, out=np.zeros_like(self.spring), where=self.soft)
         stored = [0.5 * float(s.u @ (body.K @ s.u) + s.p @ (give * s.p)) for s in states]
         U = np.array([s.u for s in states])
@@ -438,7 +437,7 @@ class March:
         """Solve a step: a convex program, or a fixed point of convex programs."""
         if not self.press.any():
             return self._solve_program(before, s, t, self.bounds(t, before.p))
-        # Start from the pressures under very large friction. Friction by the last pressures might not balance the load.
+        # Start from the pressures under very large friction.
         tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
         p, state = self._solve_program(before, s, t, tight).p, None
         for _ in range(MOST_PROGRAMS):
@@ -450,7 +449,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _solve_program(self, before, s, t, bounds, near=None):
-        """Solve a convex program; begin with the sets of the state `near`, or of Clarabel's answer."""
+        """Solve a convex program, from the sets of the state `near` or of Clarabel's answer."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
@@ -459,7 +458,7 @@ class March:
         return self._polish(*problem, sets)
 
     def _solve_with_clarabel(self, H, f, gap, h, bounds, b):
-        """Return the sets of Clarabel's answer to the program with scaled variables."""
+        """Return the sets of Clarabel's answer."""
         unit = np.abs(np.linalg.lstsq(H, f, rcond=1e-12)[0]).max() + np.abs(h).max(initial=0.0)
         unit = unit if unit > 0 else 1.0
         scale = np.abs(H.diagonal()).max()
@@ -484,7 +483,7 @@ class March:
                 rules.append(rigid)
         for tolerance in (1e-13, 1e-11, 1e-9):
             names = "tol_gap_abs", "tol_gap_rel", "tol_feas"
-            # Clarabel may fail, or stop at ten times the tolerance; polishing corrects its answer.
+            # Clarabel may fail or stop early. `_polish` corrects the answer.
             with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
                 warnings.simplefilter("ignore")
                 cp.Problem(cp.Minimize(cost), rules).solve(
@@ -502,7 +501,7 @@ class March:
         return np.where(np.abs(s) <= bounds / force - np.abs(lam), 0, np.sign(s)).astype(int), acts
 
     def _polish(self, H, f, gap, h, bounds, b, sets):
-        """Solve the optimality conditions, a dense linear system, on the sets; repair sets with wrong signs."""
+        """Solve the optimality conditions on the sets, and correct the sets."""
         sign, acts = sets
         n = len(f)
         for _ in range(MOST_SETS):

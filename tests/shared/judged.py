@@ -112,7 +112,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # The multipliers of the program come first; multipliers of nodes that supports drag along the contact follow.
+        # Multipliers of dragged nodes follow the multipliers of the program.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -167,7 +167,7 @@ def _check_resumed(drawn, history, verdict):
     """Check that a resumed run equals the uninterrupted run up to the interruption."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
-    # Certificates are computed for several steps at once, and the number of steps changes the rounding of sums.
+    # Certificates of resumed runs have other rounding errors.
     results, certificates = (
         ("displacement", "forces", "energy", "work", "dissipated"),
         ("certificate", "certificate_floor"),
@@ -179,7 +179,7 @@ def _check_resumed(drawn, history, verdict):
 
 
 def _requested_accuracy(drawn):
-    """Return the requested accuracy, which is 1e-8 for solvers that the package chooses."""
+    """Return the requested accuracy, by default 1e-8."""
     return 1e-8 if drawn.solver is None else drawn.solver.accuracy
 
 
@@ -192,10 +192,9 @@ def _solve_error(drawn, system):
 
 
 def _iterative_error(drawn, system):
-    """Return a function of t: the energy error that an iterative solver causes for the loads and supports at t.
+    """Return the energy error of an iterative solver as a function of t.
 
-    With K x = b, a residual of r |b| causes an error of r cond(K)^(1/2) |x|_K. x may be far larger than the states,
-    because contact limits the states.
+    With K x = b, a residual of r |b| causes an error of r cond(K)^(1/2) |x|_K.
     """
     if not isinstance(drawn.linear, vx.Iterative) or system.kernel is not None:
         return lambda t: 0.0
@@ -210,10 +209,9 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution with the answer's weights; infinity if the weights break the law.
+    """Return the distance from the exact solution for the weights of the answer, or infinity.
 
-    With large coefficients, a step may have several solutions. An answer that solves the step with its own weights is
-    one of these solutions, perhaps not the one that `exact_steps` finds.
+    With large friction coefficients, a step may have several solutions.
     """
     norms, now = exact.system.norms, float(t.times[n])
     w, lawful = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
@@ -227,12 +225,11 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 
 
 def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
-    """Check work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
+    """Check work - dE - loss = a(du, du) / 2 + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
 
-    E is the stored energy, and a(., .) its form. Contact has the pressure p, the normal displacement minus gap z, and
-    the compliance c; d marks increments. A residual r and a duality gap change the balance by r . du + gap, where
-    |r . du| <= error |du|_K. A run with dashpots that starts from a given state stores zero pressures for this state,
-    but E counts the pressure z / c of soft contact.
+    E is the stored energy, and a(u, u) / 2 is the elastic energy. Contact has the pressure p and the compliance c. The
+    normal displacement minus the gap is z. The letter d marks increments. A residual r and a duality gap change the
+    balance by r . du + gap. Given states of runs with viscosity have no stored pressures.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
@@ -246,7 +243,7 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
         half = 0.5 * float(du @ (A @ du))
         press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
         done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
-        # Losses are >= 0: if rounding makes lam . s negative, the loss is zero.
+        # Negative losses are rounding errors, and count as zero.
         slip = system.B @ d + system.slip_of_supports(float(t.times[n]))
         slip = slip - system.slip_of_supports(float(t.times[n - 1]))
         lam = t.multipliers[n][: 0 if system.norms is None else system.norms.count]
@@ -288,7 +285,7 @@ def _check_balance(posed, history, verdict):
         u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
         sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
         total = history.forces[n].ravel() + f - sprung
-        # Forces of dashpots are rounded, too.
+        # Viscous forces have rounding errors.
         blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
         if posed.system.damping is not None:
             before = np.abs(history.displacement[n - 1].ravel())

@@ -11,7 +11,7 @@ TOUCHING = 1.0
 
 
 def assert_drawn_within_the_page(figure):
-    """Check that texts are inside the page, large enough and apart; and that no tick label has the form 6 x 10^0."""
+    """Check the positions and sizes of texts, and the form of tick labels."""
     figure.draw_without_rendering()
     words = texts_of(figure)
     assert words
@@ -35,7 +35,7 @@ def assert_words_do_not_collide(figure):
 
 
 def words_drawn(figure):
-    """Return the visible texts of a figure; labels of ticks beyond the ends of an axis are not drawn."""
+    """Return the visible texts of a figure."""
     axes = [ax for panel in figure.axes for ax in (panel, *panel.child_axes)]
     beyond, hidden = set(), set()
     for ax in axes:

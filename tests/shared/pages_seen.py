@@ -15,7 +15,7 @@ FLAGS = (
 
 @contextmanager
 def start_browser(folder):
-    """Start a headless Chromium that logs its requests; skip the test if it is not installed."""
+    """Start a headless Chromium that logs requests, or skip the test."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="the browser is driven by selenium")
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:

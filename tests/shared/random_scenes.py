@@ -1,8 +1,8 @@
 """Random scenes on which accuracy targets are tested: blocks that are pulled, pressed and released.
 
 Young's modulus varies over six decades, and Poisson's ratio from 0 to 0.4 (linear triangles lock for larger ratios).
-Loads and friction are proportional to the stiffness. In six of ten scenes, the load reverses; in one of three scenes,
-contact is unilateral, with Coulomb's friction.
+Loads and friction are proportional to the stiffness. In six of ten scenes, the load reverses. One of three scenes has
+unilateral contact with Coulomb's friction.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import vemcvx as vx
 
 
 def random_scene(seed):
-    """Return a scene and the instant at which its load reverses (1 if it does not)."""
+    """Return a scene, and the instant at which the load reverses, or 1."""
     rng = np.random.default_rng(seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
     push, lift, bound, press = young * rng.uniform([0.01, -0.01, 0.002, 0.005], [0.06, 0.01, 0.04, 0.03])
@@ -40,17 +40,11 @@ def coarse_mesh(seed, n=6):
 
 
 KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
-"""Kinds of scenes with a feature: scene number k is of the kind KINDS[k % 8]."""
+"""Scene number k is of the kind KINDS[k % 8]."""
 
 
 def feature_scene(seed):
-    """Return a scene with a feature that a run may miss, and its initial state.
-
-    Scenes are blocks of random stiffness and Poisson's ratio. Steps, nodes or quadrature points may miss the feature.
-    It is one of these: heat that varies in space and time, a bump of the obstacle, friction on a small patch, a bound
-    that drops for a moment under a constant load, Coulomb's law under a load that reverses, a body that only friction
-    holds, or a load that reverses between two instants. Every eighth scene has a smooth load instead.
-    """
+    """Return a scene with a feature that a coarse run may miss, and the initial state."""
     rng = np.random.default_rng(1000 + seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
     steel, clamp = vx.Elasticity(young, poisson), vx.Clamp(on="right")

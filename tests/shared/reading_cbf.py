@@ -1,4 +1,4 @@
-"""Read a program in the Conic Benchmark Format: minimise c'x subject to A x + b in cones; x is free of bounds."""
+"""Read a program in the Conic Benchmark Format: minimise c'x subject to A x + b in cones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 
 def read_cbf(text):
-    """Return c, A, b and a list of cones (kind, size); the cones hold the rows of A x + b in order."""
+    """Return c, A, b and a list of cones (kind, size) for the rows of A x + b."""
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("#")]
     at = {line: k for k, line in enumerate(lines) if line[0].isalpha()}
     assert lines[at["VER"] + 1] == "1"

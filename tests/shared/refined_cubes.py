@@ -1,4 +1,4 @@
-"""Cubes of two sizes in space: where a large cube meets four small cubes, it has four coplanar faces."""
+"""Meshes of large and small cubes. A large cube beside four small cubes has four coplanar faces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def refined_cubes(n, cut=(0,), scale=1.0):
 
 
 def squares(low, width, small):
-    """Yield corner, width and two axes of each square face of a cube; the cross product of the axes points outward."""
+    """Yield the corner, width and two axes of each square face of a cube."""
     for axis, up in product(range(3), (False, True)):
         one, other = (axis + 1) % 3, (axis + 2) % 3
         at = np.array(low)
@@ -45,7 +45,7 @@ def squares(low, width, small):
 
 
 def outline(square, number):
-    """Return the nodes around a square, with nodes in the middles of its edges if there are any."""
+    """Return the nodes around a square, including nodes inside edges."""
     corner, width, (one, other) = square
     steps = [(one, 1), (other, 1), (one, -1), (other, -1)]
     at, around = corner.copy(), []

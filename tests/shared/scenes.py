@@ -11,13 +11,13 @@ import vemcvx as vx
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 SEEDED = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
-"""Families of random scenes; a new name here would change the scenes of all seeds."""
+"""Families of random scenes. A new name would change the scenes of all seeds."""
 OF_TRIANGLES = ("triangles",)
 """Families of linear triangles, which lock near incompressibility and need no stabilisation."""
 
 
 def mostly_long(names, values, *kept, ids=None, others=pytest.mark.long):
-    """Return a parametrisation; cases get the mark `others` unless `kept` has their index or id (default: index 0)."""
+    """Return a parametrisation. Cases outside `kept` (indices or ids, by default 0) get the mark `others`."""
     cases, ids = [], ids if callable(ids) or ids is None else list(ids)
     for k, value in enumerate(values):
         is_case = isinstance(value, type(pytest.param()))
@@ -33,7 +33,7 @@ mostly_slow = partial(mostly_long, others=pytest.mark.slow)
 
 
 def long_cases(suite, is_long):
-    """Mark the cases of a suite of vemcvx.testing as long if `is_long(name)` is true; return the suite."""
+    """Mark the cases of a suite as long if `is_long(name)` is true, and return the suite."""
     (mark,) = (mark for mark in suite.pytestmark if mark.name == "parametrize")
     marks = {True: pytest.mark.long, False: ()}
     mark.args[1][:] = [pytest.param(*one.values, id=one.id, marks=marks[is_long(one.id)]) for one in mark.args[1]]
@@ -44,7 +44,7 @@ MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
     "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
-"""Families for longer tests in which only the stiffness matrix depends on cells. Other tests check all families."""
+"""Families for longer tests in which only the stiffness matrix depends on cells."""
 any_family = mostly_long("family", FAMILIES, "voronoi")
 """Families for longer tests that every family must pass."""
 
@@ -80,7 +80,7 @@ def cyclic(t):
 
 
 def drawn(family, seed):
-    """Return `family`, or for every eighth seed a family outside `SEEDED`, if there is one."""
+    """Return `family`, or for every eighth seed a family outside `SEEDED`."""
     added = [name for name in FAMILIES if name not in SEEDED]
     return added[seed // 8 % len(added)] if added and seed % 8 == 7 else family
 
@@ -91,7 +91,7 @@ def rotation(angle):
 
 
 def moved(mesh, matrix, shift=0.0):
-    """Return the mesh, with its names and data, after points are multiplied by a matrix and shifted."""
+    """Return a mesh with the points multiplied by a matrix and shifted."""
     named = {name: part for name, part in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
     kept = {"boundaries": named, "cell_data": mesh.cell_data, "interfaces": dict(mesh.interfaces)}
     return type(mesh)(mesh.points @ np.asarray(matrix).T + shift, mesh.cells, **kept)
@@ -99,5 +99,5 @@ def moved(mesh, matrix, shift=0.0):
 
 @cache
 def small(family, n=6, **options):
-    """Return a read-only mesh of the unit square with about n cells per side, made once."""
+    """Return a read-only mesh of the unit square with about n cells per side."""
     return vx.meshes.FAMILIES[family](n, **options)

@@ -1,7 +1,6 @@
 """Random meshes, materials, loads, bounds and systems, for hypothesis.
 
-Hypothesis draws a few values (family, moduli, scales, courses, seed); numpy makes large arrays from the seed. Small
-seeds and zeros are drawn first, so failures shrink to simple cases.
+Hypothesis draws a few values and a seed. numpy draws large arrays from the seed.
 """
 
 from __future__ import annotations
@@ -44,9 +43,9 @@ def meshes(draw):
 
 @st.composite
 def materials(draw, mesh):
-    """Draw elastic materials with moduli of any size and, sometimes, a contrast between the cells."""
+    """Draw an elastic material."""
     young, poisson = draw(exponents(-3, 6)), draw(st.floats(-0.9, 0.4999))
-    # Linear triangles lock near incompressibility; the package warns of this.
+    # Linear triangles lock near incompressibility.
     poisson = min(poisson, 0.45) if (np.diff(mesh.offsets) == 3).any() else poisson
     contrast = draw(st.sampled_from((0.0, 0.0, 1.0, 3.0)))
     spread = 10.0 ** (contrast * np.random.default_rng(draw(SEEDS)).uniform(-1, 1, mesh.n_cells))
@@ -55,7 +54,7 @@ def materials(draw, mesh):
 
 
 def courses(steps):
-    """Draw courses in time that begin at 0: steadily growing, held, reversing or random."""
+    """Draw courses in time that begin at 0."""
     # Tiny values are set to zero, because energy norms below 1e-125 are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
@@ -70,7 +69,7 @@ def instants(draw, most=4):
 
 @st.composite
 def bounds(draw, scale):
-    """Draw friction bounds g(x, t): constant, varying, zero in places, jumping in space or in time, zero, or huge."""
+    """Draw friction bounds g(x, t)."""
     kind = draw(st.sampled_from(("constant", "varies", "zero in places", "jumps", "jumps in time", "zero", "huge")))
     size = scale * draw(exponents(-2, 0.5))
     shapes = {
@@ -87,7 +86,7 @@ def bounds(draw, scale):
 
 
 def affine(matrix, vector, times, course):
-    """Return f(x, t) = (vector + matrix x) course(t); `course` has the values of course(t) at `times`."""
+    """Return f(x, t) = (vector + matrix x) course(t)."""
 
     def value(x, t):
         return (vector + x @ matrix.T) * course[np.searchsorted(times, t)]
@@ -125,7 +124,7 @@ class Setting:
 
 @st.composite
 def settings_of_scenes(draw, moving=False, most_steps=4):
-    """Draw settings with affine tractions on one or two sides, sometimes a body force, and any friction bound."""
+    """Draw settings with affine loads and random friction bounds."""
     mesh, times = draw(meshes()), draw(instants(most_steps))
     steps, rng = len(times) - 1, np.random.default_rng(draw(SEEDS))
     size = draw(exponents(-3, 3))
@@ -143,10 +142,7 @@ def settings_of_scenes(draw, moving=False, most_steps=4):
 
 @dataclass(frozen=True)
 class Case:
-    """A quasistatic problem as arrays: K, the norm terms, and loads and weights at each instant.
-
-    Loads and weights have single precision, so that their products with numbers of few digits are exact.
-    """
+    """A quasistatic problem as arrays. Loads and weights have single precision, so that scaling is exact."""
 
     K: np.ndarray
     B: sp.csr_matrix
@@ -169,7 +165,7 @@ class Case:
         return scaled
 
     def march(self, solver, check=True):
-        """Return the trajectory from the state zero; the load is zero at the first instant."""
+        """Return the trajectory from the state zero."""
 
         def row(t):
             return int(np.searchsorted(self.times, t))
@@ -181,7 +177,7 @@ class Case:
 
 @st.composite
 def abstract_cases(draw, blocks=(1, 2)):
-    """Draw cases: K has a condition up to 1e6; B has full row rank, and is random or has one unknown per row."""
+    """Draw cases with random matrices K and B."""
     block, rng = draw(st.sampled_from(blocks)), np.random.default_rng(draw(SEEDS))
     m = draw(st.integers(1, 4))
     n = draw(st.integers(m * block, 10))

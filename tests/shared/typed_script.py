@@ -22,7 +22,7 @@ def pull(x: Floats, t: float) -> Floats:
 
 
 def abstract() -> vx.Trajectory:
-    """March systems: matrices are dense, sparse or lists; loads are lists; some numbers are integers."""
+    """March systems with dense matrices, sparse matrices and lists."""
     K = np.array([[2.0, -1.0], [-1.0, 1.0]])
     vx.System(sp.csc_array(K), lambda t: np.array([t, 0.0]), vx.Norms(sp.csr_matrix(K), lambda t: np.full(2, t)))
     vx.System([[2, -1], [-1, 1]], lambda t: [t, 0])
@@ -83,7 +83,7 @@ def meshes(folder: Path) -> list[vx.PolygonMesh]:
 
 
 def evaluate(history: vx.History, folder: Path) -> float:
-    """Read the results of a run: attributes, probes, stresses, files, programs, estimates."""
+    """Read all kinds of results of a run."""
     energy: Floats = history.energy
     stuck: NDArray[np.bool_] = history.contact.sticking[-1]
     stress: Floats = history.stress(-1)

@@ -32,7 +32,7 @@ from vemcvx.vem.projection import tangents_of
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """Contact without separation: u . n = 0, with the outward normal n (equation (3.6) of the paper).
+    """Contact without separation: u . n = 0, with the outward normal n (Feng, Han and Huang, (3.6)).
 
     At a corner, u . n = 0 holds for both normals, which fixes the node. If normals differ by less than 42.5 degrees,
     the sides form a curve, along which nodes slide. Clamps and prescribed displacements take precedence.
@@ -41,7 +41,7 @@ class BilateralContact(Effect):
     ----------
     on : str or sequence of str
         Names of boundaries, or of interfaces. At an interface, u is the displacement of the first body relative to the
-        second, and n the outward normal of the first.
+        second body, and n is the outward normal of the first body.
 
     Examples
     --------
@@ -67,13 +67,13 @@ class PrescribedSlip(Effect):
     """A closed fault with given slip: the jump of u is `value` along an interface, and 0 across the interface.
 
     `history.reaction(on)` is the force along the fault, which causes the slip. `history.force(on)` is the force across
-    the fault. TrescaFriction on the same interface acts against the slip. CoulombFriction is refused there.
+    the fault. TrescaFriction on the same interface acts against the slip. CoulombFriction on it is refused.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        Slip along the tangent, length; the tangent is n rotated by +90 degrees. Positive slip is right-lateral: seen
-        from one side, the far side moves to the right. In space, a vector (m, 3) without the component along n.
+        Slip along the tangent, length. The tangent is the outward normal of the first body, rotated by +90 degrees.
+        Positive slip is right-lateral. In space, `value` is a vector (m, 3); normal components have no effect.
     on : str or sequence of str
         Names of interfaces or boundaries, as for BilateralContact.
 
@@ -174,7 +174,7 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per penetration at t = 0, > 0, force per length^2, in space force per length^3.
+        Pressure per penetration, > 0, force per length^2 (in space force per length^3), evaluated at t = 0.
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
@@ -193,7 +193,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
         stiffness = self._read("stiffness", data.At(space.mesh.points[rows.nodes], 0.0))
-        # A node motion z along the normal moves the edges by c z, c = `cosines`.
+        # A node that moves by z along its normal moves the edges by z * cosines.
         return obstacle(space, rows, self._subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
@@ -243,7 +243,7 @@ class VelocityContact(Effect):
 
 
 BOUND_RULE = "a friction bound is a force per length and must be >= 0"
-# Steps may have no solution if the weight jumps at p = 0; min(STEEPNESS p, bound) is continuous (Brouwer).
+# The weight min(STEEPNESS p, bound) is continuous in the pressure p, so a step has a solution (Brouwer).
 STEEPNESS = 1e6
 
 
@@ -252,7 +252,7 @@ class _Friction(Effect):
     ground: data.Datum | None = None
 
     def _rub(self, space: Space, rows: BoundaryRows, **acts: Any) -> Contribution:
-        """Return the contribution of friction; `acts` are fields of Friction."""
+        """Return the contribution of friction, with the fields `acts` of Friction."""
         subject, ground = self._subject, None
         if self.ground is not None:
             if (rows.partners >= 0).any():
@@ -273,7 +273,7 @@ class TrescaFriction(_Friction):
     """Friction with a given bound g on the tangential stress: |sigma_tau| <= g.
 
     Nodes stick below the bound, and may slip at the bound. By default, friction also acts where one-sided contact is
-    open. Bounds of overlapping parts add up. Friction acts on supports that prescribe motions along the obstacle.
+    open. Bounds of overlapping parts add up.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Data of effects: numbers, arrays, functions of x and t, tables over time."""
+"""Data of effects: numbers, arrays, functions of x and t, and tables over time."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def varies(*values: object) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points of cells at which material constants are evaluated; by default all centroids."""
+    """Points in cells at which material constants are evaluated. The default is all centroids."""
 
     mesh: Mesh
     x: Floats | None = None

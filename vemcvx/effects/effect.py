@@ -1,6 +1,6 @@
 """The base class of effects, and the contributions of effects to the assembled problem.
 
-A displacement is a vector u of n_u = n_nodes * dim numbers: u[i * dim + j] is component j at node i.
+A displacement is a vector u of n_u = n_nodes * dim numbers. Component j at node i is u[i * dim + j].
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Load:
         return data.At(x, t).read(self.value, self.subject, "number" if self.is_scalar else "vector")
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
-        """Return the datum at points x in the cells `owner`; it is zero in cells without the load."""
+        """Return the datum at points x in the cells `owner`, or zero in cells without load."""
         loaded = np.isin(owner, () if self.cells is None else self.cells)
         return (self.at(x, t).T * loaded).T
 
@@ -78,12 +78,12 @@ class Load:
 
     @cached_property
     def values(self) -> Callable[[float], Floats]:
-        """The function that returns the datum at all points for a time t."""
+        """The function from times to the datum at all points."""
         return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
     def borne(self) -> Floats:
-        """The forces (q, dim) of the points for a datum whose components are all 1."""
+        """The forces (q, dim) at the points if all components of the datum are 1."""
         dim, nodes = self.points.shape[1], np.ones(self.matrix.shape[0] // self.points.shape[1])
         # Basis functions sum to 1, so nodal forces along an axis add up to the total force.
         total = np.stack([nodes @ self.matrix[a::dim] for a in range(dim)], axis=1)
@@ -91,11 +91,11 @@ class Load:
 
     @property
     def measures(self) -> Floats:
-        """The quadrature weights (q,) of the points: length, area or volume."""
+        """The quadrature weights (q,): lengths, areas or volumes."""
         return np.linalg.norm(self.borne, axis=1) if self.is_scalar else self.borne[:, 0]
 
     def forces(self, t: float) -> Floats:
-        """Return the forces (q, dim) of the points at time t."""
+        """Return the forces (q, dim) at the points at time t."""
         return self.borne * self.values(t).reshape(len(self.points), -1)
 
 
@@ -108,7 +108,7 @@ class Support:
     subject : str
         The name of the effect in messages.
     nodes : (m,) array
-        Node numbers; a node may have several rows, one per direction.
+        Node numbers. A node with several directions occurs several times.
     directions : (m, dim) array
         Unit vectors.
     points : (m, dim) array
@@ -129,9 +129,9 @@ class Support:
     directions: Floats
     points: Floats
     value: Callable[[float], Floats] | None = None
-    contact: bool = False  # True for bilateral contact, which yields to other supports in the same direction
-    partners: Ints | None = None  # (m,) nodes j where u(node) - u(j) is prescribed, else -1
-    patterns: Floats | None = None  # (m, k) independent columns: value(t) + patterns @ c is prescribed, c is unknown
+    contact: bool = False  # True for bilateral contact
+    partners: Ints | None = None  # (m,) opposite nodes at interfaces, else -1
+    patterns: Floats | None = None  # (m, k) independent columns, added to value(t) with unknown factors
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class ContactSurface:
 
     @classmethod
     def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
-        """Return the surface of a part of the boundary; `more` has further fields."""
+        """Return the surface of boundary rows, with the further fields `more`."""
         own = subject, rows.nodes, rows.normals, rows.lengths
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
@@ -182,7 +182,8 @@ class Friction(ContactSurface):
     Attributes
     ----------
     weights : callable t -> (m,)
-        The largest friction forces, such as bound * lengths; infinite at nodes that always stick.
+        The weights w_i are the largest friction forces, such as bound * lengths. They are infinite at nodes that
+        always stick.
     in_the_air : bool
         True to warn where friction acts although one-sided contact is open.
     ground : Ground, optional
@@ -190,7 +191,7 @@ class Friction(ContactSurface):
     law : Law, optional
         Additional weights, which depend on contact forces and slip.
     directions : (m, dim) array, optional
-        Unit vectors e_i, if the terms are w_i |e_i . (v - v_prev)(node_i)| instead.
+        Unit vectors e_i. With `directions`, the terms are w_i |e_i . (v - v_prev)(node_i)|.
 
     Examples
     --------
@@ -205,7 +206,7 @@ class Friction(ContactSurface):
     ground: Ground | None = None
     law: Law | None = None
     directions: Floats | None = None
-    bond: bool = False  # True for terms that hold a support, and are not reported as contact
+    bond: bool = False  # True for terms that are not reported as contact
 
     def __post_init__(self) -> None:
         given, shape = self.directions, self.normals.shape
@@ -222,7 +223,7 @@ class Friction(ContactSurface):
 
     @property
     def across(self) -> Floats:
-        """The normals (m, dim), or vectors that replace the normals if `directions` are given."""
+        """The vectors (m, dim) that replace `normals` if `directions` are given."""
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
@@ -354,9 +355,9 @@ class Contribution:
     loads, supports, frictions, obstacles : tuple
         Objects of the classes `Load`, `Support`, `Friction` and `Obstacle`.
     surfaces : tuple of ContactSurface
-        Surfaces on which contact is reported, besides those of frictions and obstacles.
+        Further surfaces on which contact is reported.
     viscosity : (n_u, n_u) sparse matrix, optional
-        Nodal forces per nodal velocity, for stress proportional to the strain rate.
+        Viscous nodal forces per nodal velocity.
     curves : tuple of str
         Names of effects with conditions along the normals of a curved boundary.
 
@@ -383,7 +384,7 @@ class Contribution:
 class Effect(ABC):
     """One piece of physics of a scene, independent of the mesh.
 
-    An effect is a frozen dataclass of names, constants and functions, which copies arrays. The order of effects in a
+    An effect is a frozen dataclass of names, constants and functions. Arrays are copied. The order of effects in a
     scene changes nothing.
 
     Examples
@@ -403,10 +404,7 @@ class Effect(ABC):
 
     @abstractmethod
     def contribute(self, space: Space) -> Contribution:
-        """Return the contribution of this effect on the mesh of `space`.
-
-        Equal calls must return equal arrays. Functions f(x, t) are returned as functions.
-        """
+        """Return the contribution of this effect on the mesh of `space`. Equal calls return equal arrays."""
 
     @property
     def _subject(self) -> str:
@@ -428,7 +426,7 @@ class Effect(ABC):
         """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
-        """Return the line of `describe` with the defaults in the plane or in space."""
+        """Return `describe()` with the defaults of bodies in the plane or in space."""
         return self.describe()
 
 

@@ -27,7 +27,7 @@ class Traction(Effect):
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per length and unit thickness (in space per area), at t_n. Exact for affine f.
+        Cartesian components, force per length and unit thickness (in space per area). The load is exact for affine f.
     on : str or sequence of str
         Boundary names.
 
@@ -58,7 +58,7 @@ class Pressure(Effect):
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        p, force per length (and unit thickness), in space per area, evaluated at t_n; compression is positive.
+        p, force per length (and unit thickness), in space per area. Compression is positive.
     on : str or sequence of str
         Boundary names. At an interface (a crack or a joint filled with fluid), the pressure pushes both bodies apart,
         whether they touch or not.
@@ -87,12 +87,12 @@ class Pressure(Effect):
 class BodyForce(Effect):
     """A force f per area (in space: per volume), with the work int f . v_hat on a displacement v.
 
-    In each cell, v_hat is the mean of v at the vertices, as before (3.14) in Feng, Han and Huang.
+    In each cell, v_hat is the mean of v at the vertices (Feng, Han and Huang, before (3.14)).
 
     Parameters
     ----------
     force : (dim,) constant, or callable f(x, t) -> (m, dim)
-        Cartesian components, force per area and unit thickness (in space per volume), evaluated at t_n.
+        Cartesian components, force per area and unit thickness (in space per volume).
     on : str or sequence of str, optional
         Names of cell data, such as bodies. The force acts where one of these data is nonzero; by default everywhere.
 
@@ -118,12 +118,12 @@ class BodyForce(Effect):
 
 @dataclass(frozen=True)
 class PointLoad(Effect):
-    """A force on single nodes (per unit thickness); displacements there grow without bound as cells become smaller.
+    """A force on single nodes, per unit thickness. Under refinement, displacements at the nodes grow without bound.
 
     Parameters
     ----------
     force : (dim,) constant, (m, dim) array, or callable f(x, t) -> (m, dim)
-        Cartesian components of the force on every point of `at`, evaluated at t_n. Forces on the same point add up.
+        Cartesian components of the force on every point of `at`. Forces on the same point add up.
     at : (dim,) or (m, dim)
         Coordinates of nodes of the mesh.
 
@@ -258,7 +258,6 @@ class PrescribedDisplacement(Effect):
                 return data.vector(self.value, points[:: space.dim], t, self._subject).ravel()
             return data.scalar(self.value, points, t, self._subject) / cosines
 
-        # A constant of zero fixes the nodes like a clamp or rollers.
         moves = data.varies(self.value) or value(0.0).any()
         support = Support(self._subject, nodes, directions, points, value if moves else None)
         curved = isinstance(self.direction, str) and part.node_normals.curved
@@ -269,7 +268,7 @@ class PrescribedDisplacement(Effect):
         return f"PrescribedDisplacement: u = {amount(self.value)}{along} on {where(self.on)}"
 
     def _rows(self, part: Part, space: Space) -> tuple[Ints, Floats, Floats]:
-        """Return nodes, directions, and the cosines that divide components along normals."""
+        """Return nodes, directions and cosines."""
         rows, dim, found, one = part.node_normals, space.dim, f"{self._subject}: direction", np.ones(1)
         if self.direction is None:
             return *_all_components(part.nodes, dim), one
@@ -302,7 +301,7 @@ class Rigid(Effect):
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
-        Force at the point `at` (per unit thickness), evaluated at t_n.
+        Force at the point `at` (per unit thickness).
     moment : number, in space (3,), or callable f(x, t), optional
         Moment (per unit thickness); in the plane positive anticlockwise.
     motion : sequence of 3, in space 6, optional
@@ -381,16 +380,16 @@ class Rigid(Effect):
 class Pretension(Effect):
     """A bolt that a given force tightens across a cut, and that is then locked at its length.
 
-    The two sides of the cut are bonded, except for one uniform jump along the mean normal of the cut: the shortening
-    of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
+    The two sides of the cut are bonded, except for a uniform jump along the mean normal of the cut. The jump is the
+    shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
     `history.force` of this effect is the force across the cut on the first body: tension and shear.
 
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. Each bolt has its own effect.
+        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. Each bolt needs a Pretension.
     force : number, or callable f(x, t)
-        The tension during tightening (per unit thickness), evaluated at t_n; x (1, dim) is the centre of the cut.
+        The tension during tightening (per unit thickness). The point x (1, dim) is the centre of the cut.
     until : float, optional
         The last instant of tightening, one of the instants of the run. By default the bolt is never locked.
 
@@ -463,7 +462,7 @@ class Pretension(Effect):
         return f"Pretension: a tension {amount(self.force)} on {where(self.on)}{locked}"
 
 
-# The form of springs is int k_n (u . n)(v . n) + k_t u_t . v_t ds, exact for affine k_n and k_t.
+# Springs have the bilinear form int k_n (u . n)(v . n) + k_t u_t . v_t ds, with tangential parts u_t and v_t.
 SPRING_FIELD = data.holds(sign=">= 0", rule="a spring's stiffness must be >= 0")
 
 
@@ -506,7 +505,7 @@ class ElasticFoundation(Effect):
             rows, columns = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
             places = rows.ravel(), columns.ravel()
             springs = springs + sp.coo_matrix((blocks.ravel(), places), shape=springs.shape).tocsr()
-        # Make the matrix symmetric: the products round (i, j) and (j, i) differently.
+        # The products round (i, j) and (j, i) differently.
         return Contribution(stiffness=sp.csr_matrix(0.5 * (springs + springs.T)))
 
     def describe(self) -> str:

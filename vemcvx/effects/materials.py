@@ -137,7 +137,7 @@ def nodes_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Ints
     return found
 
 
-# Hooke's law is sigma = 2 mu eps + lam tr(eps) I, (3.1) of the paper. In plane stress, lam is 2 lam mu / (lam + 2 mu).
+# Hooke's law is sigma = 2 mu eps + lam tr(eps) I. In plane stress, lam is 2 lam mu / (lam + 2 mu).
 # A blocked thermal strain s causes sigma = -b s I, with b = 3 lam + 2 mu, in plane stress b = 2 (lam + mu).
 STABILISATIONS = ("shear", "unit")
 
@@ -158,7 +158,7 @@ class Elasticity(_Elastic):
         coordinate. **All forces, works and energies refer to the full turn** (docs/howto/bodies_of_revolution.md).
     stabilisation : {"shear", "unit"}, or a vx.Stabilisation
         The part of the stiffness that vanishes for linear displacements (:mod:`vemcvx.vem.stabilisation`). "shear" has
-        the factor 2 mu and does not lock; "unit" has the factor 1, as in the paper.
+        the factor 2 mu and does not lock; "unit" has the factor 1 (Feng, Han and Huang).
     on : None, str or sequence of str
         Names of cell data; the material fills the cells with a nonzero value. None is the whole body.
 
@@ -347,7 +347,7 @@ def _words(values: Any) -> str:
 class Viscosity(Effect):
     """Kelvin-Voigt viscosity: sigma = C eps + 2 eta eps' + zeta tr(eps') I, with the strain rate eps'.
 
-    `history.dissipated` includes the viscous loss, and forces include viscous forces. Energy and stress are elastic.
+    `history.dissipated` and all forces include viscous parts. `history.energy` and `history.stress` are elastic.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ class ThermalStrain(Effect):
     expansion : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
         alpha, strain per degree.
     temperature : number, or callable f(x, t) -> (m,)
-        theta, degrees above the stress-free state, at centroids and t_n.
+        theta at centroids, degrees above the stress-free state.
     on : str or sequence of str, optional
         Names of cell data, such as names of bodies. Cells with a nonzero value expand; by default, all cells.
 
@@ -430,7 +430,7 @@ class Prestress(Effect):
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
         Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
-        stress. Force per area, tension positive, evaluated at centroids and t_n.
+        stress. Force per area at centroids, tension positive.
     on : str or sequence of str, optional
         Names of cell data. The stress acts in cells with a nonzero value; by default, in all cells.
 

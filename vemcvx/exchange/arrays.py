@@ -1,7 +1,7 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
 A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with compliance c_j > 0
-is soft: the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds these arrays::
+is soft: the term (D_j d - e_j)_+^2 / (2 c_j) replaces the limit. An NPZ archive holds these arrays::
 
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     D_data, ...     compressed rows of D
@@ -69,7 +69,7 @@ def _vector(raw: Any, name: str) -> Floats:
 
 
 def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
-    """Return K, and a basis N of the kernel of K with `count` columns."""
+    """Return K, and a kernel basis N with `count` columns."""
     stiffness: Matrix = K.toarray() if K.nnz > 0.5 * K.shape[0] ** 2 else sp.csr_matrix(K)
     return {"K": stiffness, "N": np.linalg.eigh(K.toarray())[1][:, :count]} if count else {"K": stiffness}
 
@@ -82,7 +82,7 @@ def to_npz(program: StepProgram) -> dict[str, bytes]:
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return the contents of an archive of successive programs by suffix."""
+    """Return an archive of successive programs by suffix."""
     each, made = [_arrays(program) for program in programs], io.BytesIO()
     np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}

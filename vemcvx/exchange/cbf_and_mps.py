@@ -8,7 +8,7 @@ are soft. CBF, the Conic Benchmark Format (version 1), has one cone per norm ter
                 (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone per term
                 e - D d + c p          in L+        p is the force of a soft limit
 
-F is the Cholesky factor of K. If a dense K (n, n) has a kernel of k motions, F has n - k rows. Reading gives F'F as K.
+F is the Cholesky factor of K. If a dense K (n, n) has a kernel of k motions, F has n - k rows. Reading gives K = F'F.
 At a solution with the multipliers lam and p, a cone Q has the dual (w_i, -lam_i), and L+ has the dual p.
 
 MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
@@ -17,7 +17,7 @@ MPS in free format with a quadratic objective, also called QPS, holds absolute v
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
 QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam = (dual of U) - (dual of L), and p is
-the dual of Z. HiGHS returns duals <= 0: reverse the signs first. The columns p_j are the forces of soft limits. The
+the dual of Z. HiGHS returns duals <= 0. Reverse the signs first. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 In both formats, the first n variables are d. The first line is a comment with the sizes of the program.
@@ -71,7 +71,7 @@ def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
 
 
 def root(program: StepProgram) -> sp.csr_matrix:
-    """Return F with F'F = K; raise ProgramError for a sparse K with a kernel."""
+    """Return F with F'F = K."""
     operators, K = program.operators, program.operators.K
     if operators.kernel is not None:
         if not isinstance(K, np.ndarray):

@@ -4,9 +4,9 @@
 Suffix   Format                                                        Programs that it holds
 =======  ============================================================  ==============================================
 .npz     NumPy's archive, with the certified answer                    all, exactly
-.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            all, exactly
-.cbf     Conic Benchmark Format, the energy as a cone                  all but sparse K with a kernel; K is rounded
-.mps     MPS with a quadratic objective; .qps is the same file         all without second-order cones
+.mtx     Matrix Market, in NAME.mtx, NAME_B.mtx and further files      all, exactly
+.cbf     Conic Benchmark Format, the energy as a cone                  most, with rounding errors
+.mps     MPS with a quadratic objective (.qps: same format)            all without second-order cones
 .hdf5    FCLIB's local problem                                         steps with Coulomb's law; cannot be read back
 =======  ============================================================  ==============================================
 
@@ -78,7 +78,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the contents of the files of a program, by ending."""
+    """Return the file contents of a program by ending."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
@@ -92,13 +92,13 @@ def encode_program(program: StepProgram, name: str) -> Files:
 
 
 def in_json(words: Mapping[str, Any]) -> bytes:
-    """Return the contents of a JSON file of this mapping."""
+    """Return a mapping as the contents of a JSON file."""
     text = json.dumps(words, indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x))
     return f"{text}\n".encode()
 
 
 def write_program(program: StepProgram, path: str | Path) -> Path:
-    """Write a program to a file, and a description to a JSON file; existing files are replaced.
+    """Write a program to a file, and a description to a JSON file. Existing files are replaced.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def read_program(path: str | Path) -> StepProgram:
     Parameters
     ----------
     path : str or Path
-        An NPZ, Matrix Market, CBF, MPS or QPS file; the program of an FCLIB file cannot be read.
+        An NPZ, Matrix Market, CBF, MPS or QPS file. An FCLIB file cannot be read.
 
     Returns
     -------

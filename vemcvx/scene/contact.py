@@ -1,4 +1,4 @@
-"""The limits of contact and the norm terms of friction, over all nodal values."""
+"""Contact limits and friction terms of a posed scene."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
-# move along the normal. (3) Contact holds the normal, and a support the tangent. (4) A support or the ground drags the
-# node against friction. The reaction along the normal is a contact force if contact holds the normal, or if a support
-# holds the normal alone. :mod:`.supports` defines the matrices A, H, P and the nodal reactions R.
+# move along the normal. (3) Contact holds the normal, and a support holds the tangent. (4) A support or a moving
+# obstacle drags the node against friction. The reaction along the normal is a contact force if contact holds the
+# normal, or if a support holds the normal alone. The module `supports` defines A, H, P and R.
 Moving = Callable[[float], Floats]
-"""t -> motion of the ground under rows, as vectors or as components along tangents"""
+"""t -> motion of the ground, as vectors or as tangential components"""
 
 
 class Freedom(NamedTuple):
-    """The motions that supports permit at contact rows, as arrays (k,)."""
+    """Masks (k,) of contact rows."""
 
-    slides: Bools  # True if some free unknown moves the node along the boundary
-    dragged: Bools  # True if supports hold a tangent, and supports or the ground move
-    normal_only: Bools  # True if supports hold all tangents, and the normal is free or held by contact
+    slides: Bools  # the node can slide along the boundary
+    dragged: Bools  # supports hold a tangent, and the slip changes
+    normal_only: Bools  # supports hold all tangents, and the normal is free or held by contact
 
 
 def _freedom(
@@ -78,7 +78,7 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return a mask of rows whose slip changes, or without times may change."""
+    """Return a mask of rows whose slip changes."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -101,7 +101,7 @@ def _normal_reactions(rows: ContactRows, supports: Supports) -> sp.csr_matrix:
 
 
 def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats, tuple[Ints, Ints]]:
-    """Return a mask of rows whose normal contact holds, and the entries of `_normal_reactions`."""
+    """Return a mask of rows held by contact, and entries of `_normal_reactions`."""
     (nodes, partners), holds = pairs_of(supports.given), np.flatnonzero(~supports.depends)
     directions = np.concatenate([supports.points[:0], *(support.directions for support in supports.given)])[holds]
     contact = repeat_by_row(supports.given, [support.contact for support in supports.given])[holds].astype(bool)
@@ -115,7 +115,6 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     cosine = np.einsum("ij,ij->i", directions[col], rows.normals[row])
     same = np.linalg.norm(directions[col] - cosine[:, None] * rows.normals[row], axis=1) < SAME
     row, col, cosine = row[same], col[same], cosine[same] * np.where(nodes[col] == rows.nodes[row], 1.0, -1.0)[same]
-    # Count the rows of A, and the rows of A due to contact, at the site of each contact row.
     site, mine, size = supports.sites[nodes], supports.sites[rows.nodes], len(supports.sites)
     count, of_contact = np.bincount(site, minlength=size)[mine], np.bincount(site[contact], minlength=size)[mine]
     held_by_contact = np.zeros(len(rows), dtype=bool)
@@ -125,22 +124,22 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node, normal and kind (`_kinds`) form one term, with the sum of the weights of these rows.
-# The terms have the matrix B^ over nodal values, and B = B^ P over free unknowns.
+# Friction rows with the same node, normal and kind (`_kinds`) form one term. Row weights add up to term weights.
+# The matrix B^ maps nodal displacements to slips. Over free unknowns, it is B = B^ P.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene. The first `acting` terms depend on free unknowns."""
 
-    rows: sp.csr_matrix  # (m * (dim - 1), n_u) the matrix B^ of components along `tangents`
-    tangents: Floats  # (m, dim - 1, dim) orthonormal; in space, a zero vector follows a given direction
-    directed: Bools  # (m,) True if the friction has given `directions`
+    rows: sp.csr_matrix  # (m * (dim - 1), n_u) the matrix B^
+    tangents: Floats  # (m, dim - 1, dim) orthonormal, or in space a given direction and a zero vector
+    directed: Bools  # (m,) mask of terms along given directions
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) the matrix that sums rows to terms
-    acting: int = 0  # number of terms that some free unknown moves
+    acting: int = 0  # number of terms with free unknowns
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion `ground` as vectors
-    press: sp.csr_matrix | None = None  # (rows, r) fractions of limit forces on rows; None without laws
+    press: sp.csr_matrix | None = None  # (rows, r) the map from forces of limits to forces on friction rows
 
     def weights(self, t: float) -> Floats:
         """Return the weights (m,) at the instant `t`, without laws."""
@@ -256,7 +255,7 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return numbers of rows, equal for rows that may form one term."""
+    """Return the kind of each friction row."""
     kinds = [(f.ground and id(f.ground.value), f.directions is not None and not f.in_plane) for f in frictions]
     return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
@@ -272,7 +271,7 @@ def _since(tangents: Floats, moved: Moving, times: Sequence[float]) -> Moving:
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
-    """Raise SceneError if frictions with different grounds share an edge."""
+    """Raise SceneError if frictions with different ground motions share an edge."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
         owner = repeat_by_row(frictions, range(len(frictions)))
@@ -306,7 +305,7 @@ def warn_of_free_normals(
 class Surface(ContactRows):
     """The contact nodes in ascending order. Corner nodes have mean normals."""
 
-    normal_reaction: sp.csr_matrix  # (m, n_u) rows g: the normal contact forces are -g . R for nodal reactions R
+    normal_reaction: sp.csr_matrix  # (m, n_u) rows g; normal contact forces are -g . R
 
 
 def _contact_surface(
@@ -329,15 +328,15 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# Rows of rigid obstacles with the same node and normal form one limit, with the least gap of these rows. Each row of a
-# compliant obstacle is a separate limit.
+# Rows of rigid obstacles with the same node and normal form one limit with the least gap. Each row of a compliant
+# obstacle is a separate limit.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene, one per row."""
 
-    rows: sp.csr_matrix  # (r, n_u) the matrix D^ of displacements (at interfaces: jumps) along normals
+    rows: sp.csr_matrix  # (r, n_u) the map from displacements to normal displacements or jumps
     compliance: Floats
-    rates: Bools  # (r,) limits on velocities
+    rates: Bools  # (r,) mask of limits on velocities
     gap: Callable[[float], Floats]  # t -> (r,)
     subjects: tuple[str, ...] = ()  # descriptions of the obstacles, for messages
     prescribed: Obstacles | None = None  # rows whose normal displacements are prescribed by supports

@@ -1,4 +1,4 @@
-"""A scene posed on a mesh: its supports, loads and contact, and the system in free unknowns."""
+"""A scene posed on a mesh."""
 
 from __future__ import annotations
 
@@ -76,25 +76,25 @@ class PosedScene:
     obstacles: Obstacles
     surface: Surface  # contact nodes that supports do not hold
     material: Material
-    prestress: InitialStresses | None  # stresses at zero strain, also in `loads`
-    springs: sp.csr_matrix | None  # stiffness of springs to the ground, also in A
-    inactive: tuple[str, ...]  # sentences on frictions that are zero, and UNHELD if there are pins
+    prestress: InitialStresses | None  # stresses at zero strain
+    springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A
+    inactive: tuple[str, ...]  # sentences on omitted frictions and on pins
     kernel: Kernel | None  # rigid motions that only friction or contact resists
-    curves: tuple[str, ...]  # subjects of effects that act along the normals of curved boundaries
-    viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous forces per velocity, over all nodal values
-    laws: tuple[Contribution, ...]  # contributions of materials, without their stiffness
-    stops: Sequence[Obstacle]  # obstacles that effects contribute
+    curves: tuple[str, ...]  # subjects of effects on curved boundaries
+    viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous nodal forces per nodal velocity
+    laws: tuple[Contribution, ...]  # contributions of materials, without stiffness
+    stops: Sequence[Obstacle]  # obstacles of all effects
     causes: Mapping[str, Ints]
     """Effect numbers of "supports", "frictions" and "obstacles"; -1 for pins."""
     caused_loads: tuple[tuple[int, Load], ...]  # (effect number, load)
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # (effect number, stiffness of springs)
-    pins: tuple[Support, ...]  # a support without force, if nothing else holds the body (scene.rigid)
+    pins: tuple[Support, ...]  # supports without force (scene.rigid)
 
     @cached_property
     def system(self) -> System:
         """The system in free unknowns, with K = P'A P and the load P'(f - A u_D)."""
         A, supports, terms = self.A, self.supports, self.terms
-        # Springs and axes of revolution give energy to rigid motions.
+        # Rigid motions strain springs and bodies of revolution.
         rigid = self.springs is None and not self.space.axisymmetric
         frame = build_body_frame(self.space) if rigid else lambda u: u
 
@@ -160,7 +160,6 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     springs = _sum(p.stiffness for p in parts if p.material is None)
     supports, pins, (frictions, stops, surfaces) = _hold(space, parts, springs)
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times)
-    # The moduli of a material give its stiffness, unless the material contributes a stiffness matrix.
     forms = [p.material.stiffness(space) for p in parts if p.material is not None and p.stiffness is None]
     laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
     posed = PosedScene(
@@ -201,7 +200,7 @@ def _check_revolution(space: Space, material: Material) -> None:
 def _hold(
     space: Space, parts: Sequence[Contribution], springs: sp.csr_matrix | None
 ) -> tuple[Supports, tuple[Support, ...], list[list[Any]]]:
-    """Return supports, pins, and frictions, obstacles and surfaces with straightened normals."""
+    """Return the supports, the pins, and [frictions, obstacles, surfaces]."""
     holds = by_precedence(_chain(p.supports for p in parts))
     contact = [_chain(getattr(p, name) for p in parts) for name in ("frictions", "obstacles", "surfaces")]
     if space.axisymmetric:
@@ -239,7 +238,7 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
 
 
 def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
-    """Return the motions that only `rows` resist, and warn of these motions."""
+    """Return the motions that only `rows` resist, with a warning."""
     kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
     if kernel is not None:
         words = (
@@ -260,12 +259,12 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     K = supports.P.T @ A @ supports.P
     K = sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
-    read_only(K.data)  # A System need not copy a matrix that is read-only.
+    read_only(K.data)  # A System does not copy a read-only matrix.
     return K
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
-    """Return the free unknowns in the order of a nested dissection of sites."""
+    """Return the free unknowns in a nested-dissection order."""
     dim, n = points.shape[1], len(points)
     entries = np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr
     graph = sp.csr_matrix(entries, shape=(A.shape[0], n))[::dim]
@@ -273,6 +272,6 @@ def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
     if len(sites) < n:
         joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), supports.sites)))
         graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[first]
-    rank = np.full(len(sites) + 1, len(sites))  # amplitudes of rigid parts, which join many sites, come last
+    rank = np.full(len(sites) + 1, len(sites))  # amplitudes of rigid parts come last
     rank[order_by_nested_dissection(graph, points)] = np.arange(len(sites))
     return np.argsort(rank[supports.owner], kind="stable")

@@ -1,8 +1,8 @@
 """Floating bodies: the rigid motions that no support resists.
 
-Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The equation A u = f has a
-solution u if the loads f balance: R'f = 0. Supports of k nodal values, called *pins*, make u unique, and bear no force.
-Results are u minus the mean rigid motion of u.
+Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The loads f
+balance if R'f = 0. Then A u = f has a solution. *Pins* are supports of k nodal values. They make u unique and bear no
+force. Results do not contain the mean rigid motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.vem.elasticity import rigid_modes, split_motion
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return the name of each piece, or None if interfaces give no single name."""
+    """Return a name or None for each piece of the mesh."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -39,7 +39,7 @@ def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
 
 
 def describe_motion(mode: Floats, which: str, bodies: list[str | None], axes: Floats, directed: bool = False) -> str:
-    """Return a motion of connected pieces in words, with the sense if `directed`."""
+    """Return a rigid motion in words."""
     mode = mode if directed else mode * np.sign(mode[np.argmax(np.abs(mode))])
     each = mode.reshape(len(bodies), -1)
     large = np.flatnonzero(np.abs(each).max(axis=1) > DIRECTION_TOLERANCE * np.abs(mode).max())
@@ -62,21 +62,21 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
     return f"the translation {coordinates(move, 2)}" + (f" with {turns}" if rate >= DIRECTION_TOLERANCE else "")
 
 
-# A piece of the body is a set of cells joined along edges, in space along faces. Pieces may share single nodes. Let
-# R_q c_q be a rigid motion of piece q, W the number of pieces at a node, and F the stiffness of springs. Supports allow
-# the displacements v = P y. The squared distance between the motions R_q c_q and the nearest v is
+# A piece is a set of cells joined along edges, in space along faces. Pieces may share single nodes. R_q c_q is a rigid
+# motion of piece q. The diagonal matrix W has the number of pieces at each node. F is the stiffness of springs.
+# Supports allow the displacements v = P y. The squared distance between the motions R_q c_q and the nearest v is
 #
-#     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2.
+#     sum_q |R_q c_q|^2 - |P'W^{-1/2} sum_q R_q c_q|^2.
 #
-# The body floats if and only if this distance is zero for some c != 0, and v'Fv = 0.
+# The body floats if this distance and v'Fv are zero for some c != 0.
 FREE_FRACTION = 1e-12
-"""The squared distance, relative to sum_q |R_q c_q|^2, below which a motion is free."""
+"""The relative squared distance below which a motion is free."""
 
 
 def floating_motions(
     space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the motions that only the rows `felt` of contact resist, and whether bodies are named."""
+    """Return the motions that only the contact rows `felt` resist."""
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
     R, axes = _motions(piece, node, points)
@@ -87,7 +87,7 @@ def floating_motions(
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    # Rounding of coordinates up to D turns a side of length h by EPS D / h.
+    # Rounding errors of coordinates tilt the normals of contact.
     rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
     modes, names, named = list[Floats](), list[str](), True
     described = list[tuple[Callable[..., str], Floats]]()
@@ -102,7 +102,6 @@ def floating_motions(
         if loose.shape[1] == 0:
             continue
         loose = _along_axes(loose)
-        # Otherwise, contact seems to resist translations with a normal component of 1e-15.
         loose = np.where(np.abs(loose) > rounding * np.abs(loose).max(axis=0), loose, 0.0)
         field = fields @ loose
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
@@ -130,9 +129,8 @@ def floating_motions(
 def _refuse_floating(
     which: str, describe: Callable[[Floats], str], loose: Floats, felt: Floats, rounding: float
 ) -> None:
-    """Raise SceneError for a combination of motions that contact does not resist."""
+    """Raise SceneError if contact does not resist a motion."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
-    # If contact resists no motion, `size` is rounding.
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
     unfelt = loose @ rotated[int((size > least).sum()) :].T
     count = unfelt.shape[1]
@@ -147,7 +145,7 @@ def _refuse_floating(
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return pins at free nodes, or no pins if `parts` join nodes to the ground."""
+    """Return the pins of a body without supports."""
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
         return ()
@@ -197,7 +195,7 @@ def _along_axes(loose: Floats) -> Floats:
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
-    """Return orthonormal combinations of fields without energy in the springs."""
+    """Return orthonormal combinations that do not strain the springs."""
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE_FRACTION * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
@@ -216,7 +214,7 @@ def _connect(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Floats]:
-    """Return orthonormal rigid motions of pieces, and matrices from coefficients to translations and rotations."""
+    """Return orthonormal rigid motions of pieces."""
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)
     middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
@@ -229,7 +227,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> tuple[sp.csr_matrix, Fl
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
-    # One factor for all rotations of a piece preserves the axis of a combined rotation.
+    # Scale all rotations of a piece equally.
     turns = norm[:, dim:].mean(axis=1, keepdims=True) / norm[:, dim:]
     axes = np.hstack([np.ones((pieces, dim)), turns])[:, :, None] * np.eye(k)
     # Only rotations about the principal axes of inertia are orthogonal.

@@ -77,11 +77,11 @@ class ContactRows:
     partners: Ints  # partner j of each row, or -1 (m,)
     normals: Floats  # outward unit normals (m, dim)
     ends: sp.csr_matrix  # lengths of ends (m, e)
-    names: Ints  # node i, and other node of the edge, face number or -1 (e, 2)
+    names: Ints  # node i, and the other node of the edge, the face, or -1 (e, 2)
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
-        """Return the rows of all parts, one part after the other."""
+        """Return the rows of all parts."""
         nodes, partners = pairs_of(parts)
         row, beyond, half, first = [nodes[:0]], [nodes[:0]], [np.zeros(0)], 0
         for part in parts:
@@ -105,7 +105,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, values: Ints) -> Ints:
-        """Return the value of the row with each end, or -1."""
+        """Return the row value of each end, or -1."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = values[each.row]
         return found
@@ -152,11 +152,11 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Merge equal rows to terms, and return first rows and the term of each row."""
+    """Return the first row of each term, and the term of each row."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
-        # The first remaining row of each pair begins a term, which equal rows join.
+        # The first remaining row of each pair begins a new term.
         lead, mine = np.unique(place[left], return_index=True, return_inverse=True)[1:]
         leader = left[lead][mine]
         cosine = np.einsum("ij,ij->i", normals[left], normals[leader])
@@ -170,7 +170,7 @@ def merge_terms(
 
 
 def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> list[Any]:
-    """Replace contact normals by nearly parallel earlier directions at the same node."""
+    """Replace contact normals by nearly parallel directions of earlier parts."""
     if not parts:
         return []
     everything = (*supports, *parts)

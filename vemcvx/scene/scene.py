@@ -21,7 +21,7 @@ from vemcvx.vem.tensors import upper_triangle
 
 
 def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
-    """Return one material for the whole body, composed of materials of its cells."""
+    """Return one material for the whole body."""
     if not materials:
         words = "a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)"
         raise SceneError(f"Scene: found 0 materials; {words}.")
@@ -75,7 +75,7 @@ class InitialStresses:
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix  # (n_u, components * n_cells) the map from stresses of cells to minus the load
+    matrix: sp.csr_matrix  # (n_u, components * n_cells) the map from stresses of cells to internal nodal forces
 
     def stress(self, t: float) -> Floats:
         """Return sigma_0 (n_cells, components) at the instant `t`."""
@@ -100,7 +100,7 @@ class InitialStresses:
         """Return the nodal forces (n_u,) at the instant `t`."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        # Rounding errors of balanced stresses would violate condition (2.1) on initial states.
+        # Balanced stresses give exactly zero forces.
         force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
@@ -122,7 +122,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     if not planes:
         return parts
     mirrors = _spans(np.concatenate([s.nodes for s in planes]), np.concatenate([s.directions for s in planes]))
-    mirrored = replace(space, mirrors=mirrors)  # contact then has the normals of the whole body
+    mirrored = replace(space, mirrors=mirrors)
     return [(effect, effect.contribute(mirrored) if _acts_in_contact(part) else part) for effect, part in parts]
 
 
@@ -148,7 +148,7 @@ Datum = Callable[[float], Floats]
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """Return the contributions, and notes on frictions left out because they are zero."""
+    """Return the contributions, and notes on omitted frictions."""
     found, notes = list[Contribution](), list[str]()
 
     def shorten(datum: Any) -> Any:
@@ -170,13 +170,13 @@ def active_parts(
 
 
 def _bound(friction: Friction) -> Datum:
-    """Return a function of time that is zero if no pressure causes friction."""
+    """Return a function of time that is zero if friction cannot act."""
     law, m = friction.law, len(friction.nodes)
     if law is None:
         return friction.weights
     if law.slips:
         return lambda t: np.ones(1)  # Weights that depend on slip are not known beforehand.
-    # Under a force of 1e100, weights that depend on pressure are positive in any units.
+    # The normal force 1e100 is large in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
@@ -188,7 +188,7 @@ def _zero(value: Datum, times: Sequence[float]) -> bool:
 
 
 class Scene:
-    """A set of effects, for every mesh with the named boundaries.
+    """A set of effects, independent of any mesh.
 
     Parameters
     ----------
@@ -222,12 +222,12 @@ class Scene:
 
     @property
     def canonical(self) -> tuple[Effect, ...]:
-        """The effects in the order of summation, which does not depend on the order given."""
+        """The effects, sorted by class and settings."""
         return tuple(sorted(self.effects, key=_rank))
 
     @property
     def is_axisymmetric(self) -> bool:
-        """True for a body of revolution, with plane="axisymmetric"."""
+        """True for a body of revolution."""
         planes = [getattr(x, "plane", None) for x in self.effects if isinstance(x, MaterialLaw)]
         return any(isinstance(plane, str) and plane == REVOLVED for plane in planes)
 

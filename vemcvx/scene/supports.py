@@ -4,16 +4,16 @@ Supports prescribe A u = g(t), with one row per direction at a node or a pair of
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-with the free unknowns y and the prescribed displacement u_D = H g. The forces f of the rows are f = H'R, if R = A'f are
-the nodal reactions.
+with the free unknowns y and the prescribed displacement u_D = H g. Forces f of the rows cause the
+nodal reactions R = A'f. Then f = H'R.
 
-A support with patterns M, such as the motions of a rigid part, prescribes A u = g(t) + M c with unknown amplitudes c.
-Then u = P y + H g + (H M) c, and orthonormal columns that span H M become the last columns of P.
+The support of a rigid part prescribes A u = g(t) + M c. The columns of M are rigid motions, called *patterns*. The
+amplitudes c are unknown. Then u = P y + H g + H M c. An orthonormal basis of the columns of H M is appended to P.
 
 Nodes that are joined by rows form a *site*; a single node is also a site. At each site, Gram-Schmidt makes an
 orthonormal frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact,
-normals of friction and obstacles, coordinate axes. The first two kinds are held; the last two become columns of P. So
-each friction term has separate unknowns, and a solver can set a slip to exactly zero.
+normals of friction and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term
+then has separate unknowns, and a solver can set a slip to exactly zero.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Supports:
         return B
 
     def free_directions(self, corners: Ints, side: Ints) -> Floats:
-        """Return projectors (b, dim, dim) onto the free directions of sides; `corners[i]` is a node of `side[i]`."""
+        """Return projectors (b, dim, dim) onto the free directions of sides."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
         rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]
@@ -198,7 +198,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
 def _split_sites(
     site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
-    """Return P without amplitudes, H, owner, depends and reach; the first `count` rows are prescribed."""
+    """Return P without amplitudes, H, owner, depends and reach."""
     # `local` numbers the nodal values within sites.
     n_nodes = len(site)
     members = np.argsort(site, kind="stable")
@@ -220,7 +220,6 @@ def _split_sites(
         frame, axis_of, length = _frames(own)
         depends[rows[:, :prescribed]], reach[rows[:, :prescribed]] = axis_of[:, :prescribed] < 0, length[:, :prescribed]
         place, row = np.nonzero(axis_of[:, :prescribed] >= 0)
-        # Free axes are orthogonal to rows, and so to columns of the inverse.
         matrix, axis = frame.copy(), axis_of[place, row]
         matrix[place, axis] = own[place, row]
         inverse = np.linalg.inv(matrix)[place, :, axis]
@@ -269,7 +268,7 @@ def _span_amplitudes(
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
-    """Return the site of each node, numbered in the order of first nodes."""
+    """Return the site of each node."""
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
@@ -292,7 +291,7 @@ def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Itera
 
 
 def _frames(rows: Floats) -> tuple[Floats, Ints, Floats]:
-    """Return orthonormal frames, the axis of each row (-1 for dependent rows), and the reach of rows."""
+    """Return orthonormal frames, axis numbers (-1 for dependent rows), and reach."""
     sites, size = len(rows), rows.shape[2]
     frame, filled = np.zeros((sites, size, size)), np.zeros(sites, dtype=np.int64)
 

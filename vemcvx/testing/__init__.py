@@ -7,8 +7,8 @@ In a test file::
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the instances with accepted features, and must refuse all other instances. Effects are tested in
-the scenes of their samples. pytest is required.
+A solver must solve all test problems with features in `accepts`, and refuse all other test problems. An effect is
+tested in the scene of an EffectSample. pytest is required.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["EffectSample", "effect_suite", "linear_suite", "solver_suite"]
 def solver_suite(
     solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True
 ) -> Callable[..., None]:
-    """Return a test with one case per solver, property and instance. Assign the test to a name test_*.
+    """Return a test with one case per solver, property and test problem. Assign the test to a name test_*.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The conformance suite of effects: samples of effects, and properties of every effect."""
+"""The conformance suite of effects."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class EffectSample:
     beside : tuple of Effect
         The other effects of the scene.
     instead : tuple of Effect
-        The effects that replace the tested effect in the scene without this effect.
+        The effects in place of `effect`, in the scene without `effect`.
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
@@ -97,7 +97,7 @@ class EffectSample:
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, IN_CELLS) else None
 
     def mesh(self, which: int = 0) -> Mesh:
-        """Return the mesh of the answers (0), a finer mesh (1), or a mesh of another family (2)."""
+        """Return the mesh of the answers (0), or another mesh (1, 2)."""
         plane, space = (("squares", 3), ("voronoi", 4), ("hanging", 3)), (("cubes", 2), ("voronoi3", 3), ("prisms", 2))
         return mesh(*(space if self.in_space else plane)[which])
 

@@ -1,4 +1,4 @@
-"""The conformance suite of linear solvers: properties of every solver, and of solvers that eliminate."""
+"""The conformance suite of linear solvers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs. Solvers without elimination run `EASY`."""
+"""Systems for the comparison of runs. Solvers without elimination use the systems `EASY`."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],
@@ -53,7 +53,6 @@ def _random(*shape: int) -> Floats:
 
 
 def solves(linear: LinearSolver) -> None:
-    """Check solutions, and energies up to a factor of two."""
     K, factor = _factor(linear)
     x = _random(K.shape[0], 2)
     # Inexact solvers stop at relative residuals of 1e-12.

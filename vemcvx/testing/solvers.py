@@ -1,4 +1,4 @@
-"""Instances and properties for the conformance suite of solvers."""
+"""Test problems and properties for the conformance suite of solvers."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""The instances by name, which cover all features of programs."""
+"""The test problems by name. They cover all features of programs."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Case:
-    """A solver on an instance."""
+    """A solver and a test problem."""
 
     solver: Solver
     instance: Instance
@@ -159,7 +159,7 @@ class Case:
 
     @cached_property
     def answers(self) -> tuple[Answer, ...]:
-        """The answers to the two recorded requests."""
+        """The answers to `record_requests`."""
         return tuple(map(self.answer, record_requests(self.instance)))
 
 
@@ -234,7 +234,6 @@ def agrees_with_newton_within_both_certificates(case: Case) -> None:
 
 
 def gives_nearly_admissible_multipliers(case: Case) -> None:
-    """Check the energy of the change to admissible multipliers."""
     for request, answer in zip(record_requests(case.instance), case.answers, strict=True):
         program = request.program
         lam, p = program.admissible(answer.lam, answer.p, answer.d)

@@ -1,19 +1,18 @@
-"""Adaptive meshes and uniform squares of the same true error: their times and sizes, measured in one run.
+"""Adaptive meshes and uniform squares of the same true error: measured times and sizes.
 
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
-There are two scenes. Stresses of the paper's scene (`feng_han_huang.py`) are singular where supports meet loads. An
-L-shaped bracket also has a singular re-entrant corner. The true error is the distance, in the energy norm, between the
-projected displacements of a run and of a reference run. The mesh of the reference run begins as the finest adaptive
-mesh. It is refined until it is nowhere coarser than the finest uniform mesh. Then the cells that the estimator marks
-are refined twice.
+The two scenes are the paper's scene (`feng_han_huang.py`) and an L-shaped bracket. Both have singular stresses. The
+true error is the distance, in the energy norm, between the projected displacements of a run and of a reference run. The
+reference mesh refines the finest adaptive mesh, until it is nowhere coarser than the finest uniform mesh. Then the
+cells with the largest estimated errors are refined twice.
 
-An adaptive run starts from a coarse mesh and one time step; the table has the seconds of all its passes. We try several
-targets for each uniform run. The table has the smallest adaptive run that is at least as accurate as the uniform run.
-The column "limit" has the number of cells of the best mesh, divided by the number of uniform cells. The best mesh has
-no stretched cells, and all of its cells have the same error. Suppose that a cell of the area |K| has the error
-e_K = sqrt(c) |K|, where c is a function of the place. The sum S of all e_K is then the integral of sqrt(c) on every
-mesh. The best mesh of n cells has the errors e_K = S / n and the total error E = S / sqrt(n), so that n = S^2 / E^2.
+An adaptive run starts from a coarse mesh and one time step. The table has the seconds of all passes. For each uniform
+run the table has the smallest adaptive run that is at least as accurate. The column "limit" has the number of cells of
+the best mesh, divided by the number of uniform cells. The best mesh has no stretched cells, and all of its cells have
+the same error. Suppose that a cell of the area |K| has the error e_K = sqrt(c) |K|, where c depends on the place. The
+sum S of all e_K is then the integral of sqrt(c) on every mesh. The best mesh of n cells has the errors e_K = S / n and
+the total error E = S / sqrt(n), so that n = S^2 / E^2.
 """
 
 from __future__ import annotations
@@ -103,7 +102,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Return the smallest adaptive run that is as accurate as the uniform run `beside`, and its `vx.adapt` result."""
+    """Return the smallest adaptive run that is as accurate as `beside`, and the result of `vx.adapt`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -131,7 +130,7 @@ def fit_slope(runs):
 
 
 def run_study(study):
-    """Return uniform runs, triples (uniform run, adaptive run, its result), adaptive runs, and the reference run."""
+    """Return uniform runs, triples (uniform run, adaptive run, result), adaptive runs, and the reference run."""
     equal = [run_uniform(study, n) for n in study.sizes]
     finest, _ = run_adaptive(study, 1.2 * equal[-1].estimate)
     truth = reference(study, finest, study.sizes[-1])

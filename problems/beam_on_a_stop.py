@@ -1,8 +1,8 @@
 r"""A cantilever bent by a force until its end meets a stop: from then on it is a propped beam.
 
 The beam (0, L) x (0, H) is in plane stress and clamped at x = 0, with Young's modulus E and nu = 0. The force P t acts
-on its top at x = L/2, and a stop lies below its end at the distance `gap`. Timoshenko's beam theory has I = H^3 / 12,
-G = E / 2 and the shear factor 5/6 of a rectangle. A force P in the middle, or a force R at the end, deflects the end by
+on its top at x = L/2, and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory I = H^3 / 12, G
+= E / 2, and the shear factor is 5/6. A force P in the middle, or a force R at the end, deflects the end by
 
 $$
 \text{under } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\
@@ -10,8 +10,8 @@ $$
 $$
 
 The beam meets the stop when P t deflects its end by the gap. From then on the force R of the stop keeps the end at the
-stop. Without shear deformation, R is 5/16 of the load that is added after first contact. The point force acts on one
-node: beam theory does not hold within about H of this node.
+stop. Without shear deformation, R is 5/16 of the load that is added after first contact. Beam theory does not hold
+within about H of the point force.
 
     vemcvx run problems/beam_on_a_stop.py --n 8 --steps 12 --plot
 """
@@ -42,7 +42,7 @@ def stop_force(force, gap=GAP):
 
 
 def end_deflection(force, gap=GAP):
-    """Return the deflection of the end, downwards."""
+    """Return the downward deflection of the end."""
     return force * deflection_by_force() - stop_force(force, gap) * deflection_by_stop()
 
 

@@ -8,8 +8,8 @@ along -n. Then
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
 with Lame's moduli lambda and mu. This holds for all angles: n . (x - c) is constant along a straight side, so that u
-fits the dies. Without shear stress there is no friction. The force on a die or on the floor is p times the length of
-its side. The floor is a unilateral contact. The displacement is linear, hence exact on every mesh.
+fits the dies. The force on a die or on the floor is p times the length of its side. The floor is a unilateral contact.
+The displacement is linear, hence exact on every mesh.
 
     vemcvx run problems/block_between_dies.py --mesh voronoi --n 8 --steps 4 --plot
 """
@@ -22,7 +22,7 @@ YOUNG, POISSON, CLOSING = 100.0, 0.3, 0.02
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
 FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
-"""The number of each side; the floor is side 0."""
+"""Numbers of the sides; the floor is side 0."""
 MAGNIFIED = 5.0
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 10, "steps": 4}

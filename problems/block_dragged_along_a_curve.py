@@ -10,10 +10,10 @@ Let P be the normal force on the sole, the bottom of the block. In full slip, th
 
 $$ F = -\mu P U' / |U'|, $$
 
-opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. The formula neglects a small effect:
-the sole lags behind the plate by r = mu p H / G, the shear displacement of the block with the height H, the shear
-modulus G and the pressure p = P / 4. Friction opposes the velocity of the sole. The directions of the velocities of
-sole and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
+opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. The formula neglects a small effect.
+Let H be the height of the block, G its shear modulus and p = P / 4 the pressure. The sole lags behind the plate by the
+shear displacement r = mu p H / G. Friction opposes the velocity of the sole. The directions of the velocities of sole
+and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """
@@ -40,7 +40,7 @@ def friction(instants):
 
 
 def scene(coefficient=FRICTION, crown=0.0):
-    """Return the scene; the floor falls off like a paraboloid, by `crown` at the distance SIDE / 2 from its middle."""
+    """Return the scene; the floor is a paraboloid that falls by `crown` at the distance SIDE / 2."""
 
     def plate(x, t):
         return np.tile([*top(t), -DEPTH], (len(x), 1))

@@ -1,7 +1,7 @@
 r"""A block pushed obliquely over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
 
 The unit cube with E = 200, nu = .3 is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
-bilateral contact with Tresca friction, bound g = 4. The traction on its left side is
+bilateral contact with Tresca friction, bound g = 4. The traction on the left side of the cube is
 
 $$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1. $$
 
@@ -45,7 +45,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw which nodes of the bottom stick and slip, and the friction per area, which is g at nodes that slip."""
+    """Draw the sticking and slipping nodes of the bottom, and the friction per area."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

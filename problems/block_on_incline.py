@@ -1,15 +1,14 @@
-r"""A block pushed up an inclined plane: Coulomb friction in unilateral contact, and the oldest formula of friction.
+r"""A block pushed up an inclined plane: Coulomb friction in unilateral contact.
 
 The plane rises at the angle a, where tan a = .1. The block (0, 2) x (0, 1), rotated by a, rests on the plane under its
-weight G, with the coefficient of friction mu = .3. The lower part of its left side is pushed horizontally by a growing
-displacement. When the block begins to slide uphill, the horizontal force F satisfies
+weight G, with the coefficient of friction mu = .3. A growing displacement pushes the lower part of the left side
+horizontally. When the block begins to slide uphill, the horizontal force F satisfies
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371. $$
 
 This holds for every shape, material and mesh. When every point slips, friction is mu times the pressure at every point.
-So the forces on the block add up to the forces on a rigid point mass. No equilibrium exists beyond this load; therefore
-we prescribe the displacement and not the force. Before the whole block slides, slip spreads from the ends of its base,
-mainly from the pushed end.
+So the forces balance as on a rigid point mass. No equilibrium exists beyond this load, so we prescribe the
+displacement. Before the whole block slides, slip spreads from the ends of its base.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot
 """
@@ -63,7 +62,7 @@ initial = "settled"
 
 
 def picture(history):
-    """Draw the pushed block, and the ratio push / weight, which stays constant once the block slides."""
+    """Draw the pushed block, and the ratio push / weight."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

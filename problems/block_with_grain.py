@@ -94,7 +94,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the block at the end of its slide, and the unsymmetric loop of friction."""
+    """Draw the block at the last instant, and the unsymmetric loop of friction."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,16 +1,16 @@
-r"""A bolted flange on a shaking base: a joint that slips sideways hardly resists a torque, and unscrews.
+r"""A bolted flange on a shaking base: a joint that slips sideways hardly resists a torque.
 
 A steel ring of radii 30 and 60 mm, 12 mm high, is pressed on a rigid base by four bolts. The shanks of the bolts act
-like springs spread over the top: they resist sideways motion and rotation. From the start a torque M acts on the ring,
-three quarters of the largest torque that friction can transmit. At rest friction transmits M, and the ring does not
-slip. Then the base shakes along x_1, one cycle per unit of time, far enough that all of the bottom of the ring slips.
-The friction of a slipping ring opposes the shaking, so friction resists the torque less. In every cycle the ring
-rotates further, until the springs alone transmit the torque:
+like springs spread over the top: they resist sideways motion and rotation. A torque M acts on the ring from the start.
+It is three quarters of the largest torque that friction can transmit, so the ring does not slip at rest. Then the base
+shakes along x_1, one cycle per unit of time. The whole bottom of the ring slips. The friction of a slipping ring
+opposes the shaking, so friction resists the torque less. In every cycle the ring rotates further, until the springs
+alone transmit the torque:
 
 $$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the springs' stiffness per area}. $$
 
 (Junker, SAE 690055, 1969, found that joints unscrew under transverse slip, not under axial loads.) At each instant the
-torques of load, springs and friction balance up to rounding. SI units.
+torques of load, springs and friction balance up to rounding.
 
     vemcvx run problems/bolted_flange.py --n 2 --steps 64 --plot
 """
@@ -23,7 +23,7 @@ YOUNG, POISSON, FRICTION = 210e9, 0.3, 0.2
 INNER, OUTER, HEIGHT, BOLTS = 0.03, 0.06, 0.012, 4
 PRESSURE, SPRINGS, SHAKING = 20e6, 4e10, 6e-5
 FORCE = PRESSURE / 2 * np.pi * (OUTER**2 - INNER**2)
-"""Force of all bolts together; PRESSURE is the largest pressure under a bolt."""
+"""Total force of the bolts; PRESSURE is the largest pressure under a bolt."""
 FRICTION_TORQUE = 2 / 3 * FRICTION * FORCE * (OUTER**3 - INNER**3) / (OUTER**2 - INNER**2)
 """The largest torque that friction can transmit."""
 SECOND_MOMENT = np.pi * (OUTER**4 - INNER**4) / 2
@@ -62,7 +62,7 @@ initial = "settled"
 def mesh(n, family="ring"):
     """Return n rings of 16n sectors in n layers.
 
-    The corners are a little outside of their circles, so that the polygons have the areas of the circles.
+    The polygons have the areas of the circles.
     """
     sectors = 16 * n
     widening = np.sqrt(2 * np.pi / sectors / np.sin(2 * np.pi / sectors))

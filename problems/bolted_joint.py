@@ -1,4 +1,4 @@
-"""A bolted joint under cyclic load: slip wears it at the edges of the clamped zone. SI units.
+"""A bolted joint under cyclic load: slip wears the joint at the edges of the clamped zone.
 
 Two steel plates in plane strain lie on each other; each has 80 mm x 10 mm and 40 x 10 cells. Only a bolt clamps them
 together: its pressure is 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped.
@@ -10,8 +10,7 @@ length).
 
     vemcvx run problems/bolted_joint.py --n 10 --steps 40 --plot
 
-A thousand cycles (`--steps 4000`) took 40 CPU seconds, with certified errors of at most 6e-10. A step solves only two
-to five linear systems, because it starts from the active set of the step before.
+A thousand cycles (`--steps 4000`) took 40 CPU seconds, with certified errors of at most 6e-10.
 """
 
 import numpy as np
@@ -28,7 +27,7 @@ UNITS = {"length": "m", "force": "N", "time": "cycles", "force per area": "Pa", 
 
 
 def bolt_pressure(x, t):
-    """Return the pressure of the bolt, which was tightened before t = 0."""
+    """Return the constant pressure of the bolt."""
     return np.where(np.abs(x[:, 0] - LENGTH / 2) < BOLT / 2, PRESSURE, 0.0)
 
 
@@ -68,7 +67,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the joint while it is pulled, and the wear over x: the joint wears at the edges of the clamped zone."""
+    """Draw the pulled joint, and the wear over x."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")

@@ -1,4 +1,4 @@
-r"""Two lapped plates clamped by two bolts, in space: the joint slips at mu times the bolt tension, then the bolts bear.
+r"""Two lapped plates clamped by two bolts, in space: friction transmits the pull until the plates slip.
 
 Each bolt goes through a hole in each plate. The bolt fits the hole of the lower plate and has the clearance c in the
 upper hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is
@@ -53,7 +53,7 @@ def scene(friction=FRICTION):
 
 
 def join_meshes(parts):
-    """Return meshes that lie side by side as one mesh, with one node per place."""
+    """Return one mesh of adjacent meshes, with one node per place."""
     points, number = np.unique(np.concatenate([part.points for part in parts]).round(9), axis=0, return_inverse=True)
     numbers = np.split(number, np.cumsum([part.n_nodes for part in parts])[:-1])
     cells = [[new[face] for face in cell] for part, new in zip(parts, numbers, strict=True) for cell in part.cells]
@@ -99,13 +99,13 @@ def mesh(n, family="ring"):
 
 
 def times(steps):
-    """Return the instants: a fifth of the steps (at least one) end by t = 1, the other steps follow."""
+    """Return the instants: a fifth of the steps tighten the bolts, the others move the end."""
     first = max(1, steps // 5)
     return np.append(np.linspace(0.0, 1.0, first + 1), np.linspace(1.0, 2.0, steps - first + 1)[1:])
 
 
 def forces_on_upper_plate(history):
-    """Return three forces on half the upper plate at each instant: of the lower plate, the heads and the collars."""
+    """Return the forces of lower plate, heads and collars on half the upper plate at each instant."""
     contact = history.contact
     friction = contact.traction * contact.friction_lengths[:, None]
     force = friction - contact.pressure[:, :, None] * (contact.lengths[:, None] * contact.normals)

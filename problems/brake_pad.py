@@ -1,4 +1,4 @@
-r"""A brake pad on a disc: if friction grows with speed, it approaches a steady value; if friction falls, it jumps.
+r"""A brake pad on a disc: friction that grows or falls with the speed of slip.
 
 The pressure P presses the pad (0, L) x (0, H) on the disc below. The disc moves along x by V t. Friction per length
 depends on the speed v of slip,
@@ -49,7 +49,7 @@ def friction(t, growth=GROWTH):
 
 
 def evaluate_saw():
-    """Return the least friction, the largest friction and the period of the sawtooth, all for short steps."""
+    """Return the least friction, the largest friction and the period of the sawtooth."""
     low, high = SLIDING * PRESSURE, AT_REST * PRESSURE
     return low, high, (high - low) * HEIGHT / (G * SPEED)
 
@@ -87,7 +87,7 @@ def measure_friction(history):
 
 
 def picture(history):
-    """Draw the sheared pad, and friction over time under two laws: one grows with speed, the other falls."""
+    """Draw the sheared pad, and friction over time under two laws."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.6), layout="constrained")

@@ -1,21 +1,19 @@
-r"""A brake pad, pressed while its disc turns forward, relieved while the disc turns back: later cycles add equal wear.
+r"""A brake pad, pressed while its disc turns forward, and relieved while the disc turns back.
 
 The disc is a ring a < r < b on a rigid hub, which rotates by the small angle phi(t). A pad lies on the rim of the disc,
-|x| < b sin alpha. The sides of the pad are guided along y, and the pressure P(t) acts on its flat top. Only Coulomb
-friction and unilateral contact join pad and disc. In a cycle the hub rotates forward by `ANGLE` under the full
-pressure, the pressure falls to a tenth, the hub rotates back, and the pad is pressed again. Both bodies are elastic; at
-first the pad sticks and is sheared.
+|x| < b sin alpha. The sides of the pad are guided along y, and the pressure P(t) acts on its top. In a cycle the hub
+rotates forward by `ANGLE` under the full pressure, the pressure falls to a tenth, the hub rotates back, and the pad is
+pressed again. At first the pad sticks and is sheared.
 
 Let p be the pressure between pad and disc, and N its integral over the arc. Once all of the pad slips, friction is mu p
-at every node of the rim, which has the radius b. So the torque is mu b N. The equilibrium of the pad along y is
-2 b sin(alpha) P = integral of p (cos theta - mu sin theta) ds, with the angle theta measured forward from the middle of
-the pad. This equation gives N if the shape of p(theta) is known. For p = p_0 cos theta, as in a lining that has worn to
-fit (Shigley and Mischke, *Mechanical Engineering Design*, brakes with symmetrical shoes),
+at every node of the rim, which has the radius b. So the torque is mu b N. Let the angle theta be measured forward from
+the middle of the pad. The equilibrium of the pad along y is 2 b sin(alpha) P = integral of p (cos theta - mu sin theta)
+ds. For p = p_0 cos theta, as in a worn lining (Shigley and Mischke, *Mechanical Engineering Design*, brakes with
+symmetrical shoes),
 
 $$ N = 2 b \sin(\alpha) P (4 \sin \alpha) / (2 \alpha + \sin 2 \alpha), $$
 
-which is within 0.2 % of N for a uniform p; an elastic pad is close to both values. Friction dissipates energy while the
-hub rotates. From the second cycle on, it dissipates the same energy in each cycle.
+which is within 0.2 % of N for a uniform p. From the second cycle on, friction dissipates the same energy in each cycle.
 
     vemcvx run problems/brake_pad_on_disc.py --n 8 --steps 96 --plot
 """
@@ -29,7 +27,7 @@ YOUNG, POISSON, FRICTION, PRESSURE = (1000.0, 400.0), 0.3, 0.4, 1.0
 ANGLE = 4e-3
 JOINT = "disc|pad"
 CYCLE = 24
-"""Number of steps of a cycle: 10 forward, 2 to relieve the pad, 10 back, 2 to press it."""
+"""Number of steps of a cycle: 10 forward, 2 to relieve the pad, 10 back, 2 to press the pad."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 6, "steps": 3 * CYCLE}
 initial = "settled"
@@ -67,7 +65,7 @@ def scene(friction=FRICTION):
 
 
 def mesh(n, family="polar"):
-    """Return a mesh with 2n cells along the pad and 24n around the disc; every second rim node meets a pad node."""
+    """Return a mesh with 2n cells along the pad and 24n cells around the disc."""
     rings = max(2, round(24 * n / (2 * np.pi) * np.log(RIM / HUB)))
     disc = vx.meshes.ring(np.geomspace(HUB, RIM, rings + 1), 24 * n)
     pad = vx.meshes.squares((2 * n, n), box=((-1, 1), (0, 1)))

@@ -3,14 +3,14 @@ r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks 
 A tangential force Q < mu P is added to the force P of Hertz' contact. If Dundurs' constant beta is 0, as for a rigid
 obstacle and a body with nu = 1/2, pressure alone causes no slip. Then the traction of Cattaneo (1938) and Mindlin
 (1949) is a difference of two half-ellipses. Let a be the half-width of the contact, c the half-width of its sticking
-part, and p_0 the largest pressure. A root of a negative number counts as 0:
+part, and p_0 the largest pressure. Roots of negative numbers count as 0:
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 
 (Johnson, *Contact Mechanics*, 7.2). The top of a wide block is pressed down on the obstacle and then moved sideways
-without rotation; P and Q are the computed forces. The block is finite, so that dragging also strains its surface. Like
-a bulk stress, this strain shifts the stick zone (Nowell and Hills, Int. J. Mech. Sci. 29, 1987), here by about a/16 on
-every mesh and with any number of steps. The width of the stick zone does not change.
+without rotation; P and Q are the computed forces. Dragging also strains the surface of the finite block. Like a bulk
+stress, this strain shifts the stick zone (Nowell and Hills, Int. J. Mech. Sci. 29, 1987) by about a/16. The width of
+the stick zone does not change.
 
     vemcvx run problems/cattaneo_mindlin.py --n 20 --steps 8 --plot
 """
@@ -84,7 +84,7 @@ def stick_half_width(history):
 
 
 def picture(history):
-    """Draw the block dragged over the cylinder, and its friction: nodes stick inside and slip at the edges."""
+    """Draw the block dragged over the cylinder, and its friction."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

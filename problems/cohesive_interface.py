@@ -1,4 +1,4 @@
-r"""A user-defined effect: a cohesive interface that softens; two glued blocks are pulled apart, and closed again.
+r"""A user-defined effect: two blocks, joined by glue that softens, are pulled apart and pressed together.
 
 The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. Their sides stay plane, and their meshes do not
 match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks is rigid up to
@@ -12,9 +12,8 @@ In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigm
 
 $$ |a_n - a_{n-1}| = (|\sigma^*| - c(A_{n-1})) / (1 / C - c_0 / A_c) $$
 
-If the blocks touch or all strength is lost during the step, the glue flows less. If c_0 / A_c < 1 / C, the glue softens
-slowly: a step has one solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks
-touch again.
+If the blocks touch or all strength is lost during the step, the glue flows less. If c_0 / A_c < 1 / C, a step has one
+solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """
@@ -117,7 +116,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw both blocks at t = 1, after the glue has flowed, and the stress over the displacement of the top."""
+    """Draw both blocks at t = 1, and the stress over the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

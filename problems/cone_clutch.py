@@ -2,17 +2,16 @@ r"""A plug in a conical socket, pressed from all sides and twisted: the torque a
 
 The joint is the part of a cone between the radii R_1 and R_2; the side of the cone leans by the angle alpha from the
 axis. Both bodies have Young's modulus E and Poisson's ratio nu. Up to t = 1, a pressure rises to p on all sides, so
-that the stress is -p I in both bodies, whatever the shape of the joint. On the rim of the socket and the top of the
-plug, a prescribed displacement replaces the pressure: -(p (1 - 2 nu) / E) x, which belongs to the same stress. Then the
-top of the plug is rotated by the angle theta (t - 1) about the axis while the rim stays. The rotation of round bodies
-does not change the pressure, and nodes slip in circles. With the coefficient of friction mu, the torque of full slip is
+that the stress is -p I in both bodies. On the rim of the socket and the top of the plug, a prescribed displacement
+replaces the pressure: -(p (1 - 2 nu) / E) x. Then the top of the plug is rotated by the angle theta (t - 1) about the
+axis while the rim stays. The rotation of round bodies does not change the pressure, and nodes slip in circles. With the
+coefficient of friction mu, the torque of full slip is
 
 $$ T = \mu p \int r dA = \tfrac23 \pi \mu p (R_2^3 - R_1^3) / \sin \alpha . $$
 
 A cone clutch under uniform pressure has this torque (Shigley, *Mechanical Engineering Design*, 16-9). Both bodies have
 4n sectors, so that their polygons coincide at the joint; their layers do not match. The pressure at all nodes is p with
-a relative error below (pi / (4n))^2. With n = 8 the torque is .64 % below the torque of the cone, because polygons
-replace the circles.
+a relative error below (pi / (4n))^2. With n = 8 the torque is .64 % below T, because polygons replace the circles.
 
     vemcvx run problems/cone_clutch.py --n 8 --steps 10 --accuracy 1e-6 --plot
 """

@@ -12,11 +12,10 @@ a(t) = a_\infty (1 - e^{-t / \tau}), \\
 $$
 
 Up to the time t the dashpots dissipate c a_inf^2 (1 - exp(-2 t / tau)) / (2 tau) per length, the integral of c a'^2.
-Without springs (`--set spring=0`) the block creeps at the constant speed w H / c, and all of its weight is on the
-dashpots.
+Without springs (`--set spring=0`) the block creeps at the constant speed w H / c.
 
-At t = 4 the weight is taken off. Dashpots cannot pull: now they exert no force, and the springs lift the block at once
-to a = 0. On squares, only time steps cause errors. With steps of the length k, backward Euler yields the sinking
+At t = 4 the weight is taken off. Dashpots cannot pull, so the springs lift the block at once to a = 0. On squares, only
+time steps cause errors. With steps of the length k, backward Euler yields the sinking
 
 $$ a_n = (a_{n-1} + k a_\infty / \tau) / (1 + k / \tau) . $$
 
@@ -85,7 +84,7 @@ def times(steps):
 
 
 def measure_sinking(history):
-    """Return the largest sinking of the base at every step; on squares the base stays straight and level."""
+    """Return the largest sinking of the base at every step."""
     base = history.mesh.points[:, 1] == 0.0
     return -history.displacement[:, base, 1].min(axis=1)
 

@@ -1,9 +1,9 @@
 r"""The dovetail root of a blade in its slot: pulled more at one end of the slot than at the other, and released.
 
-The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute its half
-at x > 0. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l: one end of
-the slot is pressed harder. Let N be the normal force on a flank, and T its friction force, which is directed towards
-the floor of the slot while the root slides out. Forces balance exactly:
+The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute the half x > 0
+of the root. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l. Let N be
+the normal force on a flank, and T its friction force, which is directed towards the floor of the slot while the root
+slides out. Forces balance exactly:
 
 $$ N \sin b + T \cos b = P / 2, \qquad M_x = c l P / 6, $$
 
@@ -14,8 +14,7 @@ Friction is at most mu N, so that N stays between the lines of full slip,
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
 If all nodes slip straight along the flank, N is on the first line while the root slides out, and on the second line
-while the root slides in. Between the lines the root sticks, and N hardly falls when the pull falls. Such sliding in and
-out wears the roots of turbine blades.
+while the root slides in. Between the lines the root sticks, and N hardly falls when the pull falls.
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -29,7 +28,7 @@ LEAN = np.radians(30.0)
 NECK, ROOT, BLADE, OUTER, HALF = 0.6, 1.0, 0.6, 2.4, 1.0
 """Half the width of the neck; heights of root and blade; half the width of the disc; half the length of the slot."""
 PULL, SLANT = 4.0, 0.5
-"""The largest P, and c."""
+"""Largest P, and c."""
 OUT, IN = (0.5 / (np.sin(LEAN) + sign * FRICTION * np.cos(LEAN)) for sign in (1.0, -1.0))
 JOINT = "blade|disc"
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
@@ -62,7 +61,7 @@ def flank(y):
 
 
 def solid(x, y, layers, is_inside):
-    """Return hexahedra over a grid of lines x, y. The flank is on their right if `is_inside`, else on their left."""
+    """Return hexahedra over the grid of lines x, y, on the left of the flank if `is_inside`, else on the right."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     side = flank(y[j])
@@ -73,7 +72,7 @@ def solid(x, y, layers, is_inside):
 
 
 def mesh(n, family="hexahedra"):
-    """Return the mesh: the blade has n cells across half its neck; cells of blade and disc do not match."""
+    """Return meshes of blade and disc that do not match; half the neck has n cells."""
     across, root = np.linspace(0.0, 1.0, n + 1), np.linspace(-ROOT, 0.0, 2 * n + 1)
     blade = solid(across, np.append(root, np.linspace(0.0, BLADE, n + 1)[1:]), 2 * n, True)
     disc = solid(np.linspace(0.0, 1.0, 2 * n + 1), np.linspace(-ROOT, 0.0, 2 * n + 2), 2 * n + 1, False)

@@ -2,10 +2,10 @@
 
     python problems/effectivity.py [--small] [--picture FILE]
 
-The estimate is the sum of the three parts of `vx.error_budget`, with the same constant in all cases. The true error is
-the distance from a reference solution:
+The estimate is the sum of the three parts of `vx.error_budget`. The true error is the distance from a reference
+solution:
 
-- Full slip with two Poisson's ratios. The reference is the closed form; time steps make no error.
+- Full slip with two Poisson's ratios. The reference is the closed form.
 - The paper's scene (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has squares of side
   1/256.
 - A load that reverses, on one mesh. The reference has sixteen times as many steps. The estimate is the part for time

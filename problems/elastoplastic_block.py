@@ -1,7 +1,7 @@
-r"""A block that yields by the criterion of von Mises: Problem 2.1 of the paper with second-order cones.
+r"""A block that yields by the criterion of von Mises, with second-order cones.
 
-This is the model of `elastoplastic_truss.py` in a continuum in plane strain (Han and Reddy, Plasticity, chapter 7).
-The plastic strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
+The block is in plane strain (Han and Reddy, Plasticity, chapter 7). The plastic strain P is symmetric and traceless, P
+= p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
 $$
 N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}(1, 1, -2) / \sqrt{6},
@@ -36,9 +36,9 @@ in the basis. Each step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Under shear alone, S_xy = tau, the return mapping is the play operator of `spring_slider_chain.py`: p_3 = play_R(sqrt 2
-tau) / H, and the shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants.
-If the direction of s changes, backward Euler makes an error.
+Under shear alone, S_xy = tau, the return mapping is the play operator: p_3 = play_R(sqrt 2 tau) / H. The shear strain
+gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants. If the direction of s changes,
+backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -64,7 +64,7 @@ SPIRAL = np.linspace(0, 4 * np.pi, 49)
 
 
 class Block(NamedTuple):
-    """A system with the unknowns (u, p), and the numbers of the free unknowns in u."""
+    """A system with the unknowns (u, p), and the indices of the free unknowns in u."""
 
     system: vx.System
     free: np.ndarray
@@ -91,7 +91,7 @@ def block(mesh, stress):
 
 
 def _support_unknowns(mesh):
-    """Return the numbers of three unknowns that are fixed: u of the lower left corner, u_y of the lower right corner.
+    """Return the indices of three fixed unknowns: u of the lower left corner, u_y of the lower right corner.
 
     The reactions there are zero, because the tractions balance.
     """

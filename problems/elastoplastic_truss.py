@@ -1,28 +1,25 @@
-r"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1 of the paper.
+r"""A truss that yields: elastoplasticity with linear kinematic hardening.
 
-Bars have the strain e = G u (elongation divided by length) and the plastic strain p. The stored energy per volume and
-the stress are
+Bars have Young's modulus E, the hardening modulus H and the yield stress sigma_y. Let e = G u be the strains
+(elongation divided by length) and p the plastic strains. The stored energy per volume and the stress are
 
 $$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p). $$
 
 Bars flow while |sigma - H p| = sigma_y, in the direction of sigma - H p, and dissipate sigma_y |p'| per volume. With
 the volumes V = A L of the bars, y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and
-Reddy, Plasticity (2nd ed., 2013), chapter 7, the paper's reference [8]:
+Reddy, Plasticity (2nd ed., 2013), chapter 7:
 
 $$
 K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b V_b \sigma_{y,b} |q_b|,
 \qquad \text{load } = (\text{forces}, 0).
 $$
 
-The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite, as the paper's assumption of
-ellipticity demands. (Isotropic hardening adds the accumulated plastic strain k as an unknown, with |p'| <= k'. Then j
-is finite only on a cone, and j is no sum of norms w_i |B_i v|.)
+The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite.
 
-**One bar.** Let play_r(e) follow e like a ring of radius r that a finger inside the ring drags (see
-`spring_slider_chain.py`). With r = sigma_y / E the plastic strain is p = E/(E+H) play_r(e). With
-stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is sigma = E_t e + (E - E_t) stop_r(e). After
-loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y. This stress is above -sigma_y: the
-Bauschinger effect.
+**One bar.** The play play_r(e) stays within r of e, and changes only if it must. With r = sigma_y / E the plastic
+strain is p = E/(E+H) play_r(e). With stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is sigma =
+E_t e + (E - E_t) stop_r(e). After loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y. This
+stress is above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two
@@ -62,7 +59,7 @@ class Truss(NamedTuple):
     points: np.ndarray
     bars: np.ndarray
     held: np.ndarray
-    """Numbers 2 i + a of the displacements that are zero."""
+    """Indices 2 i + a of fixed components a at nodes i."""
     young: float | np.ndarray = YOUNG
     hardening: float | np.ndarray = HARDENING
     yield_stress: float | np.ndarray = YIELD
@@ -105,7 +102,7 @@ def stresses(truss, state):
 
 
 def three_bars():
-    """Return the node at the origin, attached to three supports at height 1; bar 0 is in the middle."""
+    """Return three bars from the origin to supports at height 1; bar 0 is in the middle."""
     reach = np.sqrt(1 - COSINE**2) / COSINE
     points = np.array([[0.0, 0.0], [0.0, 1.0], [-reach, 1.0], [reach, 1.0]])
     return Truss(points, np.array([[0, 1], [0, 2], [0, 3]]), held=np.arange(2, 8))
@@ -138,7 +135,7 @@ def yield_forces():
 
 
 def girder(bays=10):
-    """Return a girder of square bays, each with two thin diagonals, held at its left end."""
+    """Return a girder of square bays with two thin diagonals, held at the left end."""
     x = np.repeat(np.arange(bays + 1.0), 2)
     points = np.column_stack([x, np.tile([0.0, 1.0], bays + 1)])
     one = np.array([[0, 2], [1, 3], [0, 3], [1, 2], [2, 3]])
@@ -195,7 +192,7 @@ def main(path=None):
         )
         if path and isinstance(solver, vx.Newton):
             picture(path, truss, F, trajectory)
-    print(f"in closed form: dissipated {lost:.10f}; stresses left by the unloading {np.round(sigma[-1], 4)}")
+    print(f"in closed form: dissipated {lost:.10f}; stresses after unloading {np.round(sigma[-1], 4)}")
     F, truss = course((0, 0.25, -0.25, 0.25), 0.05), girder()
     print(f"girder of 10 bays, {len(truss.bars)} bars")
     for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):

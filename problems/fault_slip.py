@@ -25,7 +25,7 @@ def slip(x, t, drop=DROP):
 
 
 def stress_drop(history):
-    """Return places x along the fault, and the shear stress that the fault has lost there, one row per instant."""
+    """Return places x along the fault, and the lost shear stress, one row per instant."""
     contact = history.contact
     return contact.points[:, 0], history.forces[:, contact.nodes, 0] / contact.lengths
 

@@ -5,13 +5,13 @@ g(x), a force per length. Slip begins at the right end; at the largest pull it h
 displacements of the top are measured at some points and instants, with noise.
 
 The unknown bound is linear between knots. `vx.fit` finds its values at the knots from the measurements. Far from the
-pulled end nothing slips, so that the measurements show only that g is large enough there. Therefore we state an
-assumption: the second differences of g between knots are normally distributed, with the standard deviation `BEND`. So
-the fit adds the regularising terms (second difference / BEND)^2 to the sum of squares.
+pulled end nothing slips, so the measurements give only a lower bound of g. Therefore we assume that the second
+differences of g between knots are normally distributed, with the standard deviation `BEND`. The fit adds the
+regularising terms (second difference / BEND)^2 to the sum of squares.
 
-The band in the picture is the fitted bound, plus and minus twice its standard error. Where the joint slips, the band is
-narrow and contains the true bound: there the measurements determine g. Where the joint sticks, the band widens: there
-only the assumption determines g.
+The band in the picture is the fitted bound, plus and minus twice its standard error. Where the joint slips, the
+measurements determine g, and the narrow band contains the true bound. Where the joint sticks, only the assumption
+determines g, and the band is wide.
 
     vemcvx run problems/friction_along_a_joint.py --n 4 --steps 8 --plot
 """

@@ -8,7 +8,7 @@ $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm g / \mu), \qquad a_n 
 
 While mu |gamma| < g, the block sticks and a is constant. At mu |gamma| = g the block slips as a whole. A closed loop of
 the amplitude U0 > g H / mu dissipates 4 g L (U0 - g H / mu). The displacement is linear, so virtual elements reproduce
-it on any mesh: every difference from this closed form is an algebraic error.
+it on any mesh. Every difference from this closed form is an algebraic error.
 
     vemcvx run problems/frictional_hysteresis.py --mesh nonconvex --n 4 --steps 40
 """
@@ -47,7 +47,7 @@ def exact(points, instants, floor=0.0):
 
 
 def scene():
-    instants = times(25)  # gamma is linear between these instants: its slope jumps at multiples of 1/5 only
+    instants = times(25)  # gamma is linear between these instants
     gamma, _ = exact_solution(instants)
 
     def shear(sign):

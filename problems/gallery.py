@@ -2,14 +2,13 @@
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page no problem is run: README.md, a page of all pictures in the folder --out, is written to the same folder.
-Every picture has a palette of 256 colours, which makes its file small.
+With --page no problem is run: the program writes README.md, a page of the pictures in the folder --out.
 
 This folder has two kinds of problem:
 
 - A *problem file*, for `vemcvx run`, defines scene, mesh and times. For the gallery the file also defines a setting
-  that runs in seconds, SMALL = {"n": .., "steps": ..}, with "accuracy" if the accuracy is not 1e-8. Its function
-  picture(history) returns a matplotlib figure of a run in this setting. Without SMALL the gallery takes n = 8 and 8
+  that runs in seconds, SMALL = {"n": .., "steps": ..}, with "accuracy" if the accuracy is not 1e-8. The function
+  picture(history) of the file returns a matplotlib figure of this run. Without SMALL the gallery takes n = 8 and 8
   steps. Without picture(history) the gallery draws the deformed mesh.
 - A *program* has a function main(path) that draws its own picture. `PROGRAMS` lists the quick programs.
 
@@ -42,7 +41,7 @@ PROGRAMS = (
     "membrane_with_friction",
     "spring_slider_chain",
 )
-"""The programs that the gallery runs. The other programs of this folder are run one by one."""
+"""Programs that the gallery runs."""
 STYLE = {
     "axes.axisbelow": True,
     "figure.constrained_layout.w_pad": 0.1,
@@ -63,7 +62,7 @@ def problem_files():
 
 @contextlib.contextmanager
 def quiet():
-    """Suppress printed lines and warnings about scenes, such as the warning that only contact holds a body."""
+    """Suppress printed lines and warnings about scenes."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(None):
         warnings.simplefilter("ignore", SceneWarning)
         yield
@@ -111,7 +110,7 @@ def draw(name, folder):
 
 
 def shrink(path):
-    """Write a picture again with a palette of 256 colours, which takes a third of the space."""
+    """Reduce a picture to a palette of 256 colours."""
     with Image.open(path) as image:
         if image.mode != "P":
             image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
@@ -123,11 +122,11 @@ def title(name):
 
 
 def write_page(folder):
-    """Write README.md into `folder`, with every picture there that is named like a Python file in `problems`."""
+    """Write README.md into `folder`, with the pictures that are named like Python files in `problems`."""
     lines = [
         "# Gallery",
         "",
-        "Made by `python problems/gallery.py --page`. The file named below a picture drew it.",
+        "`python problems/gallery.py --page` wrote this page. The file below a picture draws the picture.",
         "",
     ]
     for path in sorted(folder.glob("*.png")):

@@ -5,15 +5,15 @@ block is on rollers, under the shear of the closed form. The tractions of the cl
 side, and its body force acts inside. Friction is at its bound along the whole floor. All data are proportional to t^2.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
-energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant: see
-W. Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
-1947. Only the quadrature error of the data is an estimate. The intervals shrink with h.
+energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant (W.
+Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
+1947). Only the quadrature error of the data is an estimate. The intervals shrink with h.
 
 The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
 increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
 The third panel of the picture therefore shows the block of `missed_reversal.py`, whose load reverses between two
-instants of the run. The bound of such a run includes an estimate of the error that the missed reversal causes. With
-more steps the bound decreases towards the bound of the mesh error.
+instants of the run. This bound includes an estimate of the error from the missed reversal. With more steps the bound
+decreases towards the bound of the mesh error.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """
@@ -32,7 +32,7 @@ TOP = vx.Traction((1.0, 0.0), on="top")
 
 
 def course(t):
-    """Return the factor of all data at the instant t: at most a thousandth, so that strains are small."""
+    """Return the factor of all data at the instant t."""
     return 1e-3 * t * t
 
 

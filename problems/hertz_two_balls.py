@@ -1,9 +1,8 @@
 r"""Two elastic balls pressed together: Hertz' point contact with both bodies meshed in space.
 
-The balls have radii R_1, R_2 and materials E_i, nu_i. For small strains the surfaces near the contact are modelled as
-one flat interface between two elastic half-spaces, with the gap (x_1^2 + x_2^2) / 2R, where 1/R = 1/R_1 + 1/R_2. This
-is Hertz' own model. Under the force P the contact has the radius a, and the pressure is p(r) at the distance r from the
-middle of the contact:
+The balls have radii R_1, R_2 and materials E_i, nu_i. In Hertz' model, the surfaces near the contact are one flat
+interface between two elastic half-spaces, with the gap (x_1^2 + x_2^2) / 2R, where 1/R = 1/R_1 + 1/R_2. Under the force
+P the contact has the radius a, and the pressure is p(r) at the distance r from the middle of the contact:
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^3 = 3 P R / (4 E^*),
@@ -67,13 +66,13 @@ def lines(n):
 
 
 def grid(line):
-    """Return a mesh of rectangles whose corners have every pair (x, y) of these coordinates."""
+    """Return a mesh of rectangles with corners at all pairs of coordinates in `line`."""
     lattice = vx.meshes.squares(len(line) - 1, box=((0, len(line) - 1), (0, len(line) - 1)))
     return vx.PolygonMesh(line[lattice.points.round().astype(int)], lattice.cells)
 
 
 def mesh(n, family="graded", upper=None):
-    """Return two blocks of boxes: n boxes across the radius a, or `upper` boxes in the upper body if given."""
+    """Return two blocks with n boxes across the radius a; the upper block may have `upper` boxes."""
     below, above = lines(n), lines(upper or n)
     lower = grid(below).extruded(-below[::-1])
     return vx.meshes.bodies({"lower": lower, "upper": grid(above).extruded(above)})

@@ -1,8 +1,8 @@
 r"""Two elastic cylinders pressed together: Hertz' line contact with both bodies meshed.
 
 The cylinders have radii R_1, R_2 and materials E_i, nu_i, in plane strain. In Hertz' model of small strains, one flat
-interface between two elastic half-planes replaces both arcs, with the gap x^2 / (2R) and 1/R = 1/R_1 + 1/R_2. This
-model is the scene here. Under the force P per length the half-width a and the pressure p(x) are
+interface between two elastic half-planes replaces both arcs, with the gap x^2 / (2R) and 1/R = 1/R_1 + 1/R_2. Under the
+force P per length the half-width a and the pressure p(x) are
 
 $$
 1 / E^* = (1 - \nu_1^2) / E_1 + (1 - \nu_2^2) / E_2, \qquad a^2 = 4 P R / (\pi E^*),
@@ -24,7 +24,7 @@ import numpy as np
 import vemcvx as vx
 
 RADII, YOUNG, POISSON = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4)
-HALF_WIDTH = 0.02  # of the contact at t = 1, approximately
+HALF_WIDTH = 0.02  # approximate half-width a of the contact at t = 1
 RADIUS = 1 / sum(1 / radius for radius in RADII)
 EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, POISSON, strict=True))
 REACH = 20 * HALF_WIDTH

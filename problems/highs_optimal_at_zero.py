@@ -2,7 +2,7 @@
 
 This file needs only highspy. The program in the .mps file of the same name is a step of friction: it minimises a
 quadratic function of two displacements d plus the friction t, where -t <= d <= t. These constraints imply t >= 0. If
-the file also states t >= 0, HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 finds it without this bound, too.
+the file also states t >= 0, HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 also finds the minimum without this bound.
 """
 
 from pathlib import Path

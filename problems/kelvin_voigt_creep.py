@@ -1,4 +1,4 @@
-r"""A viscous strip under a steady pull: it creeps towards the elastic displacement, and less far with friction.
+r"""A viscous strip under a steady pull: it creeps towards the elastic displacement.
 
 The strip (0, 4) x (0, 1), E = 10, nu = 1/4, in plane strain, is a Kelvin-Voigt body with the retardation time tau: its
 viscous form b is tau times its elastic form a. A steady pull p acts at its right end from t = 0 on. Without friction
@@ -34,7 +34,7 @@ def creep_fraction(instants):
 
 
 def course(t):
-    """Return 1.0, the pull at the instant t over the largest pull: the pull is constant from the start."""
+    """Return the constant pull at the instant t over the largest pull."""
     return np.ones_like(t)
 
 

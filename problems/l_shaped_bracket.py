@@ -4,7 +4,7 @@ At the distance r from the corner of 270 degrees strains grow like r^(a-1) = r^-
 sin(1.5 pi a) = -a sin(1.5 pi) between 0 and 1 (Williams, *Stress singularities resulting from various boundary
 conditions in angular corners of plates in extension*, J. Appl. Mech. 19, 1952). On equal squares the error in the
 energy norm is therefore only O(h^0.5445), or O(N^-0.27) for N unknowns. Adaptive meshes (`adaptive_meshes.py`) recover
-O(N^-0.5). Friction on the floor holds the foot back, and slip spreads from the pulled right side.
+O(N^-0.5). Slip on the floor spreads from the pulled right side.
 
     vemcvx run problems/l_shaped_bracket.py --n 32 --steps 16 --plot
 """
@@ -48,7 +48,6 @@ def times(steps):
 def stress_near_corner(history):
     """Return distances to the corner (up to about 0.2) and von Mises' stresses of the cells on the bisector."""
     arm = history.mesh.centroids - np.array([0.5, 0.5])
-    # Along the bisector of the body's angle the singular stress depends only on the distance to the corner.
     near = (np.abs(arm[:, 0] - arm[:, 1]) < 1e-9) & (arm[:, 0] > -0.15)
     distance = np.linalg.norm(arm[near], axis=1)
     order = np.argsort(distance)

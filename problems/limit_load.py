@@ -7,8 +7,7 @@ steps, as a cone program, with bounds from both sides. Three bodies have closed 
 
 $$ F = \min(\mu N, \, N W / 2h) . $$
 
-*A block on an incline* has the weight G, and the incline the angle a. A horizontal force F pushes the block uphill. It
-slides at
+*A block* of the weight G lies on an incline of the angle a. A horizontal force F pushes the block uphill. It slides at
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) . $$
 

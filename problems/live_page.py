@@ -102,7 +102,7 @@ def solve(problem, mesh, settings, path, solver):
 
 @app.function
 def pictures(history, step, course, units=None):
-    """Return those pictures of a step for which there are data, each as (name, figure, caption)."""
+    """Return the pictures of a step, each as (name, figure, caption)."""
     rubs = bool(history.contact.bound.any())
     if isinstance(history.mesh, vx.PolygonMesh):
         drawn = [
@@ -132,7 +132,7 @@ def pictures(history, step, course, units=None):
 
 @app.function
 def height_of(history):
-    """Return the height in inches of the picture of a body: less for flat bodies."""
+    """Return the height in inches of the picture of a body."""
     across, up = np.ptp(history.mesh.points, axis=0)
     return float(np.clip(1.3 + 0.7 * WIDTH * up / across, 2.0, 3.4))
 
@@ -154,7 +154,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # Labels reduce the space for a body of fixed shape, which moves the labels. A second pass places them again.
+        # Labels change the space of the body, so a second pass places the labels again.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words

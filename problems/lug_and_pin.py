@@ -1,15 +1,14 @@
 r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
 
 The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta times a. One half of the thickness
-is computed. A shear stress q acts on the end of the pin. For t < 1 the stress rises in the direction x_1. Then its
-direction, at the angle phi to x_1, turns once about the axis, and the contact turns with the load. At each instant, to
-rounding,
+is computed. A shear stress q acts on the end of the pin. For t < 1 the stress rises in the direction x_1. Then the
+direction of the stress, at the angle phi to x_1, turns once about the axis. At each instant, to rounding,
 
 $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 
 with the area A of the end of the pin. The mesh has 8n equal sectors. If the initial direction of the load is rotated by
-a multiple of the angle of a sector, the solution is rotated by the same angle. Only friction prevents the pin from
-rotating about its axis. While the load turns, the pin creeps a little in the lug, and friction dissipates energy.
+a multiple of the angle of a sector, the solution is rotated by the same angle. While the load turns, the pin creeps a
+little in the lug, and friction dissipates energy.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """
@@ -63,7 +62,7 @@ def mesh(n, family="ring", layers=None):
 
 
 def times(steps):
-    """Return instants: a quarter of the steps, at least one, raise the load, and the other steps turn it."""
+    """Return instants: a quarter of the steps raise the load, the others turn the load."""
     rise = max(1, steps // 4)
     return np.append(np.linspace(0.0, 1.0, rise + 1), np.linspace(1.0, 2.0, steps - rise + 1)[1:])
 

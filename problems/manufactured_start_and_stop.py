@@ -1,19 +1,19 @@
-r"""A block that slips from the start and stops in the middle of a step: u_0 != 0, and errors of mesh and time step.
+r"""A block that slips from the start and stops in the middle of a step: errors of mesh and time step.
 
 Let w(x) be the displacement of `manufactured_full_slip.py` at t = 1. The block here has the displacement
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
 in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Equations are numbered as by
-Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So
-u_0 = w / 2 is not a state of rest. It satisfies the condition (2.1), because loads and friction at the bound balance
-its stresses. At t = 1/2 the block stops. From then on the bound exceeds the friction by b (t - 1/2) with b = `rise`,
-and all nodes stick.
+Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So u_0
+= w / 2 is not a state of rest. It satisfies the condition (2.1), because loads and friction at the bound balance its
+stresses. At t = 1/2 the block stops. From then on all nodes stick: the bound exceeds the friction by b (t - 1/2) with b
+= `rise`.
 
 Runs begin from the projection P^h u_0 of (2.11). With an odd number N of steps of length k = 1 / N, the block stops in
 the middle of a step. At the end of that step the bound exceeds the friction of the exact solution by b / (2 N), so that
-backward Euler lets the block slip too little in this step. The error of u is O(k) from then on. With N even there is no
-error in time, and only the error of the mesh is left.
+backward Euler lets the block slip too little in this step. The error of u is O(k) from then on. With N even, steps make
+no error.
 
     vemcvx run problems/manufactured_start_and_stop.py --mesh voronoi --n 16 --steps 17
 """

@@ -27,10 +27,9 @@ $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
 Virtual elements reproduce u, because u is linear. A closed loop between q = -Q and q = Q dissipates 4 g L H (Q - g).
 
-**Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
-x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
-as x grows: the membrane is the chain of `spring_slider_chain.py` with infinitely many blocks. The play play_r(q) stays
-within r of q, and changes only if it must. With this play
+**Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at x
+= 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length, as
+x grows. The play play_r(q) stays within r of q, and changes only if it must. With this play
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
@@ -56,10 +55,10 @@ from vemcvx.vem.stabilisation import products_of_remainder
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
-"""Turning points of the pull q on the table. They are below g L, so that slip does not reach the held end."""
+"""Turning points of the pull q on the table; below g L slip does not reach the held end."""
 PEAK = 5.0
 EDGE_PULL = course((0, PEAK, -PEAK, PEAK), first=2.5)
-"""The pull q at the rough edge of the strip. Its peaks `PEAK` exceed g."""
+"""Pull q at the rough edge of the strip; the peaks `PEAK` exceed g."""
 
 
 class Membrane(NamedTuple):
@@ -183,7 +182,7 @@ def picture(path, mesh, posed, trajectory, at):
     u, friction = solve_table_exactly(x)
     density = trajectory.multipliers[:, :, 0] / posed.measures
     free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
-    # We draw forty nodes, because all nodes would hide the lines.
+    # All nodes would hide the lines.
     some, few = (np.argsort(places)[:: max(1, len(places) // 40)] for places in (free, rough))
     for k in range(1, len(TURNS)):
         left.plot(x, u[k], "k-", linewidth=1, label=None if k > 1 else "closed form")

@@ -21,8 +21,8 @@ So a step of the midpoint rule is one convex program, too: backward Euler to the
 
 $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 2 m - u_{n-1}. $$
 
-The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C. So errors of the solver do not grow, neither
-in the midpoint rule nor in backward Euler. However:
+The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C, so errors of the solver do not grow. The
+midpoint rule has three defects:
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.
@@ -37,8 +37,7 @@ Backward Euler has the order 1 where slips turn gradually. Suppose that slips ke
 stops or reverses inside a step. Then backward Euler is *exact* at the ends of steps, because the slip of the whole step
 obeys the law of friction at the end of the step. Slips of plane bodies do not turn, but only stop or reverse. The
 reversals of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation
-(`dissipated_second_order`) is then of second order in the step. Where slips turn gradually, the dissipation is of first
-order, like the slips.
+(`dissipated_second_order`) is then of second order in the step.
 
     python problems/midpoint_rule.py [--picture FILE]
 

@@ -1,4 +1,4 @@
-"""A load that reverses between two instants: the error of the time steps, and when there is none.
+"""A load that reverses between two instants: the error of the time steps.
 
 The block of Feng, Han and Huang, Section 4 (`feng_han_huang.py`), is ten times as stiff here, and pushed twice as
 strongly. The load grows until t = 1/2 and then returns to zero. While the load grows, slip spreads along the contact.
@@ -7,9 +7,9 @@ the end the body is unloaded but not stress-free, because friction locks stresse
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
 half a step, k/2, away from the nearest instants. The run misses the last rise of the load, which is the fraction k of
-the largest load, and lacks the slip that this rise causes. From the reversal to the end its error is O(k), as (3.28) of
-the paper allows. With an even number of steps a step ends at the reversal. If the load only grows, as in the paper, no
-slipping node sticks again, and any number of steps gives the same displacement.
+the largest load, and lacks the slip that this rise causes. From the reversal to the end the error of the run is O(k).
+With an even number of steps a step ends at the reversal. If the load only grows, any number of steps gives the same
+displacement.
 
     vemcvx run problems/missed_reversal.py --n 16 --steps 27 --plot
 """

@@ -1,17 +1,17 @@
-r"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
+r"""A pack of blocks under one plate: they slide one by one, with a loop in closed form.
 
 Bearings of length L stand in a row between the ground and a plate. The plate moves by U(t) = U0 (0, 1, -1, 1) at t = 0,
 1, 3, 5, linearly in between. Each bearing consists of two blocks with the friction bound g_i between them. The sides of
-the blocks can move along x only, so that both blocks are sheared uniformly, as in `two_blocks_in_series.py`. With the
-heights H_1, H_2 and shear moduli mu_1, mu_2 of the lower and the upper block, C = H_1 / mu_1 + H_2 / mu_2 is the
-compliance of a bearing. Shear stress q_i and slip a_i of a bearing follow from the slip of the step before:
+the blocks can move along x only, so that both blocks are sheared uniformly. With the heights H_1, H_2 and shear moduli
+mu_1, mu_2 of the lower and the upper block, C = H_1 / mu_1 + H_2 / mu_2 is the compliance of a bearing. Shear stress
+q_i and slip a_i of a bearing follow from the slip of the step before:
 
 $$ q_i = \operatorname{clip}((U - a_i^{\text{before}}) / C, \pm g_i), \qquad a_i = U - C q_i. $$
 
 So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is the force of springs and sliders in
 parallel (Iwan, J. Appl. Mech. 33, 1966). In the first loading it is F(U) = L sum min(U / C, g_i). After the reversal at
-U0 it is F(U0) - 2 F((U0 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where
-(s)_+ = max(s, 0). On any meshes the computed solution is exact up to rounding.
+U0 it is F(U0) - 2 F((U0 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where (s)_+ =
+max(s, 0). The computed solution is exact up to rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """
@@ -59,7 +59,7 @@ def exact_solution(instants):
 
 
 def bearing(x):
-    """Return the numbers, from 0, of the bearings at places x (m, 2)."""
+    """Return the indices of the bearings at places x (m, 2)."""
     return (x[:, 0] // (LENGTH + GAP)).astype(int)
 
 

@@ -2,20 +2,21 @@
 
     python problems/paper_figures.py [--out DIR]
 
-The command draws four figures and prints their data: the meshes (Fig. 1), the tangential displacement on each of them
-(Fig. 2), errors relative to a run with the cell size h and the time step k both 1/256 (Table 1 and Fig. 3), and the
-numbers of nodes of meshes with equally many polygons and triangles (Fig. 4). The paper's printed numbers are listed
-beside ours: first with the stabilisation S_K of (3.13) to the letter, then with 2 mu S_K, our default. Nothing is
-tuned to the printed numbers. The notes below the tables state the differences and their known causes.
+The command draws four figures and prints their data: the meshes (Fig. 1), the tangential displacement on each mesh
+(Fig. 2), errors relative to a run with cells and time steps of 1/256 (Table 1 and Fig. 3), and the numbers of nodes of
+polygon and triangle meshes (Fig. 4). The paper's printed numbers are listed beside ours: first with the stabilisation
+S_K of (3.13) to the letter, then with 2 mu S_K, our default. The notes below the tables state the differences and their
+known causes.
 
 S_K to the letter has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero
 are then very soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a
-side and k = 1/8 the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1
-they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24 nonconvex
-cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
+side and the time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With
+the factor 1 they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With
+24 nonconvex cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other
+slips.
 
 The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
-This command prints them alone:
+This command prints only the deviations:
 
     python problems/paper_figures.py --deviations
 """
@@ -120,8 +121,7 @@ DEVIATIONS = (
         "`simulate(..., solver=...)`; the answer of a step is unique",
     ),
 )
-"""The paper, the package by default, and the option that restores the paper. There are no other deviations: Pi, the
-average over vertices in l^h, f_2 on edges, backward Euler, and Lame's constants in plane strain are as in the text."""
+"""Columns: the paper, the package by default, and the option that restores the paper. There are no other deviations."""
 
 
 def figure_1(n: int = 8):
@@ -137,7 +137,7 @@ def figure_1(n: int = 8):
 
 
 def figure_2(n: int = 24, steps: int = 64, stabilisation: str = "unit"):
-    """Draw u_1 at t = 1: over the body on each type of mesh, and along the contact boundary on all of them."""
+    """Draw u_1 at t = 1 over the body and along the contact boundary, on each type of mesh."""
     scene = paper.scene(stabilisation=stabilisation)
     runs = {f: vx.simulate(scene, paper.mesh(n, f), paper.times(steps), store="last") for f in FAMILIES}
     largest = max(run.displacement[-1, :, 0].max() for run in runs.values())
@@ -235,7 +235,7 @@ def notes_on_table_1(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
 
 
 def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str]:
-    """Return a sentence for each stabilisation: the measure whose ratios to the printed numbers are nearest to one."""
+    """Return a sentence for each stabilisation: the measure nearest to the printed numbers."""
     known = [k for k, n in enumerate(sizes) if n in PRINTED_ERRORS]
     words = []
     for name, found in every.items():
@@ -374,7 +374,7 @@ def main(
 
 
 def describe_run(run: vx.History) -> str:
-    """Return the result of a run of Fig. 2 in a line."""
+    """Return a line with the result of a run."""
     slip, slips = run.contact.slip[-1, :, 0], ~run.contact.sticking[-1]
     return (
         f"{run.mesh.n_cells} cells, {run.mesh.n_nodes} nodes; largest tangential displacement {slip.max():.6f} mm, "

@@ -8,7 +8,7 @@ $$ w(x) = P b / (2 k) \exp(-b|x|) (\cos b|x| + \sin b|x|). $$
 
 The right half of the strip is computed. Springs pull as well as push: where w < 0 they hold the plate down. With
 `asperities=True`, NormalCompliance of the same stiffness replaces the springs. Asperities only push, so the ends lift
-off. Use the accuracy 1e-6 with asperities: rounding can prevent a better accuracy on so soft a foundation.
+off. Use the accuracy 1e-6 with asperities, because rounding limits the accuracy.
 
     vemcvx run problems/plate_on_springs.py --n 4 --steps 4 --plot
 """
@@ -52,7 +52,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the bent plate, and its deflection on springs and on asperities, which cannot pull."""
+    """Draw the bent plate, and its deflection on springs and on asperities."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

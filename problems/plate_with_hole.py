@@ -1,4 +1,4 @@
-r"""A plate with a hole, pulled: a quarter of it is computed, and the stress at the rim is three times the pull.
+r"""A plate with a hole, pulled: the stress at the rim of the hole is three times the pull.
 
 A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). Let z = x + iy, let mu
 be the shear modulus, and let kappa = (3 - nu) / (1 + nu), as in plane stress. The potentials phi and psi give
@@ -35,14 +35,14 @@ def complex_potentials(z, a, b, c, pull=PULL):
 
 
 def stresses(z, potentials):
-    """Return the stresses xx, yy, xy (m, 3) of these potentials at the points z (m,)."""
+    """Return the stresses xx, yy, xy (m, 3) at the points z (m,)."""
     _, first, second, _, psi = potentials
     mean, rest = 2 * first.real, np.conj(z) * second + psi
     return np.column_stack([mean - rest.real, mean + rest.real, rest.imag])
 
 
 def displacements(z, potentials, kappa, shear):
-    """Return the displacements (m, 2) of these potentials at the points z (m,)."""
+    """Return the displacements (m, 2) at the points z (m,)."""
     phi, first, _, psi, _ = potentials
     w = (kappa * phi - z * np.conj(first) - np.conj(psi)) / (2 * shear)
     return np.column_stack([w.real, w.imag])

@@ -1,19 +1,17 @@
-r"""A ring pressed over another ring that is too large for it: the pressure between them is Lame's.
+r"""A press fit of two rings: the pressure between the rings is Lame's.
 
 Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
 exceeds the inner radius of the outer ring by the interference delta, modelled as the gap -delta t between the rings.
-The inner ring has the constants E_1 and nu_1, the outer ring E_2 and nu_2. Under the pressure p between the rings, the
-inner ring shrinks at r = b by the first of these lengths, and the outer ring widens by the second length (Lame 1852;
+The inner ring has the constants E_1 and nu_1, the outer ring E_2 and nu_2. Let p be the pressure between the rings. At
+r = b the inner ring shrinks by the first of two lengths, and the outer ring widens by the second length (Lame 1852;
 Timoshenko and Goodier, *Theory of Elasticity*, 28):
 
 $$ b p / E_1 ((b^2 + a^2) / (b^2 - a^2) - \nu_1), \qquad b p / E_2 ((c^2 + b^2) / (c^2 - b^2) + \nu_2). $$
 
-The sum of both lengths is delta. The surfaces slide freely. The meshes do not match: with 2n cells along the inner
-ring, the polygons that replace the circle r = b are up to b (pi / 4n)^2 / 8 apart. The outer ring takes over the
-outline of the inner ring (`tolerance=`). Nodes of the outer ring then lie on chords of the inner ring. Errors of nodal
-pressures are therefore O(h), and errors of the mean pressure O(h^2). The errors of `contact.pressure_recovered` are at
-most a quarter of the errors of nodal pressures (in the root mean square). Meshes with equal numbers of cells along the
-circle (`outer=n`) match, and all errors are O(h^2).
+The sum of both lengths is delta. The surfaces slide freely. The meshes do not match: nodes of the outer ring lie on
+chords of the inner ring. Errors of nodal pressures are therefore O(h), and errors of the mean pressure O(h^2). The
+errors of `contact.pressure_recovered` are at most a quarter of the errors of nodal pressures (in the root mean square).
+Meshes with equal numbers of cells along the circle (`outer=n`) match, and all errors are O(h^2).
 
     vemcvx run problems/press_fit.py --n 8 --steps 4 --plot
 """
@@ -69,7 +67,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the deformed rings, and the stresses along a radius. (Magnified displacements move the rings apart.)"""
+    """Draw the deformed rings, and the stresses along a radius."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

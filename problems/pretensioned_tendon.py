@@ -2,16 +2,15 @@ r"""A tendon, tensioned, bonded and released: friction preserves its stress exce
 
 Half of a tendon is computed, with the length L from the middle x = 0 and the height H, in plane stress with nu = 0. A
 jack at x = L holds the prestress S of the tendon, so that u = 0 at t = 0. The tendon lies on a bed with the friction
-bound g per length. The jack releases it, pulls it again and releases it again: at t = 0, 1, 2, 3 the stress at the end
-is S, 0, 0.6 S and 0. Let s be the distance from the end, T the pull at the end (a force), N the force in the tendon,
-and N_0 = S H. During the first release T falls to 0, and the end draws in by u_1. The theory of rods gives
+bound g per length. The jack releases the tendon, pulls again and releases again: at t = 0, 1, 2, 3 the stress at the
+end is S, 0, 0.6 S and 0. Let s be the distance from the end, T the pull at the end (a force), N the force in the
+tendon, and N_0 = S H. During the first release T falls to 0, and the end draws in by u_1. The theory of rods gives
 
 $$ N = \min(N_0, T + g s), \qquad \text{transfer length } N_0 / g, \qquad u_1 = N_0^2 / (2 E H g). $$
 
-The second pull Q reverses friction along the length Q / 2g, where N = Q - g s, and reduces the draw-in by
-Q^2 / (4 E H g). The second release restores u_1. Pretensioned concrete anchors its wires in this way, and a measured
-draw-in tests the anchorage (Guyon, *Prestressed Concrete*, 1953). The relative error of the theory of rods is
-O(g H / N_0).
+The second pull Q reverses friction along the length Q / 2g, where N = Q - g s, and reduces the draw-in by Q^2 / (4 E H
+g). The second release restores u_1. In pretensioned concrete, a measured draw-in tests the anchorage (Guyon,
+*Prestressed Concrete*, 1953). The relative error of the theory of rods is O(g H / N_0).
 
     vemcvx run problems/pretensioned_tendon.py --n 4 --steps 24 --plot
 """
@@ -69,7 +68,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the released end of the tendon, and the stress near it after the first release and after the second pull."""
+    """Draw the released end of the tendon, and the stress after the first release and after the second pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

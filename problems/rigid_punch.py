@@ -1,4 +1,4 @@
-r"""A rigid punch whose force moves away from its middle: it tilts, and its pressure has a closed form.
+r"""A rigid punch that tilts under an eccentric force: its pressure has a closed form.
 
 A flat rigid punch of half width a is pressed without friction on an elastic half-plane in plane strain. The force P
 acts at the distance e to the right of the punch's middle. The punch sinks and rotates until the pressure balances the
@@ -10,7 +10,7 @@ p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
 $$
 
 If e > a / 2, the punch lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2.
-In place of the half-plane we compute a block of width 16a and depth 8a, clamped below. It is stiffer than the
+In place of the half-plane we compute a block of width 16a and depth 8a, clamped below. The block is stiffer than the
 half-plane by a fraction O(a / depth). The pressure is infinite at the edges, so errors of nodal forces are O(h / a).
 
     vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot
@@ -69,7 +69,7 @@ def times(steps):
 
 
 def tilt(history):
-    """Return the rotation of the punch, computed from the motion of its upper side, (S,)."""
+    """Return the computed rotation of the punch, (S,)."""
     top = np.unique(history.mesh.boundaries["punch.top"])
     x = history.mesh.points[top, 0]
     return np.polyfit(x, history.displacement[:, top, 1].T, 1)[0]

@@ -35,7 +35,7 @@ WEAK, STRONG = 1.0, 3.0
 MOVE, RADIUS, SHEAR = 0.004, 0.003, 1.6
 """The motion U of the top, the radius R of its circle, and the shear traction T on a free top."""
 CYCLE = [0.0, 0.5, 1.0]
-"""The instants of a cycle; the top has moved most at .5."""
+"""Instants of a cycle; the motion is largest at .5."""
 UNITS = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 SMALL = {"n": 4, "steps": 200}
 

@@ -7,12 +7,10 @@ equilibrium the upper block slides
 
 $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \tan(\theta + \phi), $$
 
-and sticks while S is between these values. For rigid blocks, step n therefore has
-S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)). Ring springs of railway buffers work like this. S is
-proportional to the displacement, so every cycle dissipates two thirds of the work if
-tan(theta + phi) = 3 tan(theta - phi), as here. Forces balance to rounding although the meshes do not match. For
-elastic blocks, the relative deviation of S is about the ratio of the stiffnesses of springs and blocks. Near edges the
-direction of slip changes a little.
+and sticks while S is between these values. For rigid blocks, step n therefore has S_n = clip(S_{n-1}, P_n tan(theta -
+phi), P_n tan(theta + phi)). S is proportional to the displacement, so every cycle dissipates two thirds of the work if
+tan(theta + phi) = 3 tan(theta - phi), as here. Forces balance to rounding although the meshes do not match. For elastic
+blocks, the relative deviation of S is about the ratio of the stiffnesses of springs and blocks.
 
     vemcvx run problems/skew_joint.py --n 4 --steps 36 --plot
 """

@@ -1,15 +1,14 @@
-r"""The cost of algebraic accuracy: requested, certified and true errors of every solver, in two steps of the paper.
+r"""The cost of algebraic accuracy: requested, certified and true errors of every solver.
 
 Every solver solves two steps of `feng_han_huang.py` with several requested accuracies. A friction term i is
 *degenerate* if its friction is at its bound, |lam_i| = w_i, and its slip s_i is zero. In the step *growing* the load
-grows from 3/4 to 1 of its full size, and further nodes slip; no term is degenerate. Before the step *return* the load
-was full and then 1/2; in this step it grows to its full size again. All nodes that had slipped arrive at their bounds
-at once, and nearly half of the terms are degenerate. The condensed program has one unknown per contact node; the full
-program has all unknowns. Solvers also march the chain of `spring_slider_chain.py`, which has degenerate steps and a
+grows from 3/4 to 1, and no term is degenerate. In the step *return* the load grows again from 1/2 to 1 after an
+unloading, and nearly half of the terms are degenerate. The condensed program has one unknown per contact node; the full
+program has all unknowns. The solvers also solve the chain of `spring_slider_chain.py`, which has degenerate steps and a
 closed form.
 
-Every solution u is compared with Newton's solution u*, which is certified to rounding. The floor is the part of a gap
-that rounding may cause. With the stiffness K of all unknowns,
+Every solution u is compared with Newton's solution u*, which is certified to rounding. Let gap(u) be the duality gap,
+and floor(u) the part of the gap that rounding may cause. With the stiffness K of all unknowns,
 
 $$
 |u - u^*|_K \le \sqrt{2 \, \text{gap}(u)} + \sqrt{2 \, \text{floor}(u)} +
@@ -17,11 +16,10 @@ $$
 $$
 
 All errors are relative to the largest |u*|_K up to the step. A row that violates this bound is printed as WRONG, and
-the exit code of the command is 1. Seconds are processor time in one thread, for a step in the middle of a run: the
-median over the repetitions. In each repetition the solver first solves the step before, because OSQP and SCS start from
-their last solution. The time of set-up is that of factorisation and condensation, plus the additional time of the first
-step, in which cvxpy compiles. The requested accuracies get stricter until a solver misses one. The seconds of a miss
-include a second attempt.
+the exit code of the command is 1. Seconds are the median processor time of the step over the repetitions, in one
+thread. In each repetition the solver first solves the step before. The time of set-up is the time of factorisation and
+condensation, plus the additional time of the first step. The requested accuracies get stricter until a solver misses an
+accuracy. The seconds of a miss include a second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
@@ -33,9 +31,8 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
   chain it reaches 1e-6; it misses 1e-8 in 54 of 117 steps, with certified errors of up to 7.0e-7. From all these
   answers one active-set step (polish=True) leads to the solution, certified to rounding.
 - OSQP finds the active set by its own polishing, in all four programs and at every accuracy: errors are at most 2e-14.
-  On the chain this fails in some steps, in which OSQP reaches its limit of 100,000 iterations in both attempts. OSQP
-  misses the accuracy 1e-6 in one step and 1e-8 in five steps, with certified errors of up to 1.5e-6. polish=True
-  corrects these steps to rounding.
+  On the chain OSQP reaches its limit of 100,000 iterations in some steps. OSQP misses the accuracy 1e-6 in one step and
+  1e-8 in five steps, with certified errors of up to 1.5e-6. polish=True corrects these steps to rounding.
 - OSQP counts iterations in multiples of 25. The condensed program takes 100 to 700 iterations without degenerate terms,
   and 175 to 2,975 iterations with them. The full program takes 175 to 425 iterations without degenerate terms, and 100
   to 325 iterations with them. The accuracy 1e-10 takes 1.2 to 2.5 times as long as 1e-2.
@@ -78,7 +75,7 @@ ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 FLOOR = 1e-15
 """Requested accuracy of the reference: as high as possible."""
 MOST_UNKNOWNS = {"HIGHS": 100}
-"""HiGHS may take very long for more unknowns, in spite of its time limit."""
+"""HiGHS may exceed its time limit for more unknowns."""
 OURS = {
     "Newton": vx.Newton,
     "Clarabel": vx.Clarabel,
@@ -140,7 +137,7 @@ class Reference:
 
 
 def solvers():
-    """Return name -> function that makes a solver of a given accuracy, for `OURS` and the other solvers of cvxpy."""
+    """Return functions accuracy -> solver by name, for `OURS` and the other solvers of cvxpy."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
@@ -252,7 +249,7 @@ def run_loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Draw certified errors (above) and true errors (below) over seconds per step; each step and form has a column."""
+    """Draw certified errors (above) and true errors (below) over seconds, with a column for each program."""
     names = list(dict.fromkeys(row.solver for row in rows))
     figure = new_figure(12.0, 7.2)
     columns = [(name, form) for name in STEPS for form in FORMS]

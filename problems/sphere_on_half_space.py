@@ -2,8 +2,8 @@ r"""A rigid sphere pressed on an elastic half space: Hertz' contact as a body of
 
 The half space is a body of revolution: x_1 is the distance r from the axis, x_2 the axial coordinate, and all forces
 are integrals over the full turn. Near the contact the sphere of radius R is a paraboloid: the gap is r^2 / 2R, and
-decreases by the approach delta. This is Hertz' own model. There is no friction. Under the force P the contact has the
-radius a and the pressure p(r) with the peak p_0:
+decreases by the approach delta. There is no friction. Under the force P the contact has the radius a and the pressure
+p(r) with the peak p_0:
 
 $$
 E^* = E / (1 - \nu^2), \qquad a^3 = 3 P R / (4 E^*), \qquad p(r) = p_0 \sqrt{1 - r^2/a^2},
@@ -17,8 +17,7 @@ The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mecha
 A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
 cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
 Therefore the approach is prescribed, P is computed, and radius and pressure are compared with Hertz' formulas for this
-P. The missing far field hardly changes them, because it would move the contact almost uniformly. With cylinders half or
-twice as large, radius and peak change by at most .1 %.
+P. With cylinders half or twice as large, radius and peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
 is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces; Hertz' mean is 2/5 a^2. The
@@ -48,7 +47,7 @@ def hertz(force):
 
 
 def stresses_on_axis(depth, force):
-    """Return axial and radial stress on the axis at these depths; the hoop stress equals the radial stress."""
+    """Return axial and radial stresses on the axis at the depths `depth`."""
     a, peak = hertz(force)
     zeta = np.maximum(depth / a, 1e-12)
     axial = -peak / (1 + zeta**2)

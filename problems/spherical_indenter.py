@@ -11,10 +11,10 @@ friction. For nu = 1/2, nodes stick in r < c with c / a = (1 - Q / (mu P))^(1/3)
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), $$
 
 where the second root is replaced by 0 for r > c (Johnson, 7.2). Here nu = .45. The closed form neglects the small slip
-at right angles to Q; the computation includes it. The block extends 6 a to all sides. Unlike a half-space, it widens
-when it is pressed, so that contact nodes move sideways. Friction therefore acts only after pressing, from t = 1 on. One
-half of the block is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from it.
-The top is pressed down and then dragged without rotation; P and Q are measured.
+at right angles to Q. The block extends 6 a to all sides. Unlike a half-space, the pressed block widens, so that contact
+nodes move sideways. Friction therefore acts only after pressing, from t = 1 on. One half of the block is computed. At
+the contact, cells are a/n wide and high; their widths and heights grow away from the contact. The top is pressed down
+and then dragged without rotation; P and Q are computed.
 
 With n = 8 the radius a is 3 % smaller, and the pressure p_0 is 4 % larger, than Hertz' values. If the cells near the
 contact are cubes (`quarter`), both agree within 2 %. In r < c / 2, friction is 4 to 7 % below the closed form. The
@@ -67,7 +67,7 @@ def lines(n, growth=1.6, even=1.2):
 
 
 def block(x, y, z):
-    """Return the mesh of boxes with these coordinates; "sole" is the part of the bottom near the sphere."""
+    """Return a mesh of boxes; "sole" is the part of the bottom near the sphere."""
     lattice = vx.meshes.squares((len(x) - 1, len(y) - 1), box=((0, len(x) - 1), (0, len(y) - 1)))
     i, j = lattice.points.round().astype(int).T
     boxes = vx.PolygonMesh(np.column_stack([x[i], y[j]]), lattice.cells).extruded(z)
@@ -80,7 +80,7 @@ def mesh(n, family="graded"):
 
 
 def quarter(n):
-    """Return a mesh of the quarter x_1 > 0 of the whole block, with cubes near the contact, for pressing only."""
+    """Return a mesh of a quarter of the block, with cubes near the contact, for pressing only."""
     return block(*[lines(n, 1.5, 1.3)] * 3)
 
 
@@ -98,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return the radius a of a density sqrt(1 - r^2 / a^2) of forces `weights`: the mean of r^2 is 2/5 a^2."""
+    """Return the radius a of the density sqrt(1 - r^2 / a^2): the mean of r^2 is 2/5 a^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))

@@ -1,7 +1,6 @@
 r"""Springs and sliders: the plays and stops of Prandtl and Ishlinskii as a variational inequality.
 
-The *play* of half width r follows an input x like a ring that follows the finger inside it. The *stop* is input minus
-play:
+The *play* p of half width r stays within r of the input x, and changes only if it must. The *stop* is input minus play:
 
 $$
 p_n = \operatorname{clip}(p_{n-1}, x_n - r, x_n + r),
@@ -10,8 +9,8 @@ $$
 
 Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
-Three systems follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. Its
-solution is a sum of weighted plays.
+Three systems follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. The
+solution of each system is a sum of weighted plays.
 
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Spring j has the stiffness k_j. Block i slides on
@@ -30,8 +29,8 @@ solution is a sum of weighted plays.
    $$
 
 3. **The same elements under a given stress.** Now e is an unknown too. With the column E of all E_i and its transpose
-   E', K = [[E_0 + sum E, -E'], [-E, diag(E)]] has the shape of an arrow. No norm term contains e. The elimination of e
-   leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank one.
+   E', K = [[E_0 + sum E, -E'], [-E, diag(E)]] has the shape of an arrow. Friction does not act on e. The elimination of
+   e leaves diag(E) - E E' / (E_0 + sum E), diagonal plus rank one.
 
 The third system inverts the second. The inverse of a Prandtl-Ishlinskii operator is a Prandtl-Ishlinskii operator with
 the inverse curve of first loading. So there are elements whose stress is F if their strain is the displacement u_0 of
@@ -61,8 +60,7 @@ TURNS = (0, 6, -6, 2, -3, 0.5, -3, 2, 6, -6)
 """Turning points of the force: three nested loops, and then the outermost loop again."""
 
 SOLVERS = (vx.Newton(), vx.Clarabel(accuracy=1e-5), vx.OSQP(accuracy=1e-5))
-"""At every return to a turning point some block is exactly at its bound without slipping. At these steps interior-point
-methods and operator splitting converge slowly; therefore their accuracy is 1e-5 in place of the usual 1e-6."""
+"""Clarabel and OSQP converge slowly at returns to turning points, so we request the accuracy 1e-5."""
 
 
 def course(turns, increment=0.5, first=None):

@@ -24,7 +24,6 @@ The computed energies are a few per cent too high.
 Results: over all families of meshes S / a_mu stays between .5 and 7. In a cell of size h, an edge of length e h lowers
 the least ratio by a logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls like the
 inverse of the aspect ratio, and the greatest grows in proportion to it. On stretched rectangles both ratios fall.
-Stretching does not affect the part of a_K^h that is exact on linear fields.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """
@@ -56,7 +55,7 @@ def local_size(points, corners, smallest):
 
 
 def is_inside(points, corners):
-    """Return which points lie in the polygon, by counting crossings."""
+    """Return a mask of the points inside the polygon."""
     a, b = corners, np.roll(corners, -1, axis=0)
     x, y = points.T
     straddles = (a[:, 1] > y[:, None]) != (b[:, 1] > y[:, None])
@@ -66,7 +65,7 @@ def is_inside(points, corners):
 
 
 def outline(corners, smallest):
-    """Return points along the edges, the vertices first; edges are halved until their parts are small enough."""
+    """Return points along the edges, the vertices first."""
     parts = [corners]
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         cuts = np.array([0.0, 1.0])

@@ -1,4 +1,4 @@
-r"""A tube shrunk on another tube in space: the pressure between them is Lame's, and they slide along each other.
+r"""A tube shrunk on another tube, in space and without friction: the pressure between the tubes is Lame's.
 
 Two tubes a < r < b and b < r < c have the length L; a quarter of the section is computed. The outer radius of the inner
 tube exceeds the inner radius of the outer tube by the interference delta, which is modelled as the gap -delta t. The

@@ -59,7 +59,7 @@ initial = "settled"
 def mesh(n, family="rings"):
     """Return n rings of 6n sectors in n/2 layers; the innermost ring is one polygonal cell.
 
-    Nodes are a little outside of their circles, so that the polygons have the areas of the circles.
+    The polygons have the areas of the circles.
     """
     sectors = 6 * n
     widening = np.sqrt(2 * np.pi / sectors / np.sin(2 * np.pi / sectors))

@@ -8,9 +8,9 @@ so the slip of the upper over the lower block is
 
 $$ a = U - C q, \qquad C = H_1 / \mu_1 + H_2 / \mu_2. $$
 
-The blocks act like springs in series with a slider. In step n, q_n is (U_n - a_{n-1}) / C, clipped to the interval
-from -g to g. A closed loop of the amplitude U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear in
-each block, so virtual elements reproduce the solution on any two meshes: only the solver and rounding cause errors.
+The blocks act like springs in series with a slider. In step n, q_n is (U_n - a_{n-1}) / C, clipped to the interval from
+-g to g. A closed loop of the amplitude U0 > g C dissipates 4 g (U0 - g C) per length. Displacements are linear in each
+block, so virtual elements reproduce the solution on any two meshes.
 
     vemcvx run problems/two_blocks_in_series.py --mesh nonconvex --n 4 --steps 40
 """

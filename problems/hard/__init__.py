@@ -1,1 +1,1 @@
-"""The hard cases, subject by subject; `python problems/hard_cases.py` runs them."""
+"""The hard cases by subject; `python problems/hard_cases.py` runs the cases."""

@@ -22,7 +22,7 @@ def mesh(name, points, cells, says, must=REFUSAL):
 
 
 def file(name, suffix, says, change=lambda data: data):
-    """Return the case of a sound mesh file, whose content goes through `change` and whose name ends in `suffix`."""
+    """Return the case of a mesh file with this suffix, whose content is modified by `change`."""
 
     def make():
         with tempfile.TemporaryDirectory() as folder:

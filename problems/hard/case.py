@@ -1,12 +1,12 @@
 """A hard case: the required behaviour of a correct program, and the findings of a run.
 
-The certificate's claim is under test. Let u_n be the answer to step n, gap_n its certified duality gap, and |.|_a the
-energy norm. Let u_n' be the answers of a run in which every step is solved exactly. Then
+Let u_n be the answer to step n, gap_n its certified duality gap, and |.|_a the energy norm. Let u_n' be the answers of
+a run in which every step is solved exactly. Then
 
     |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + the stated rounding floors.
 
 If a case has a closed form, the left side is measured. The answers of two solvers may differ by at most the sum of
-their bounds. A solver that misses its accuracy must report it; a solver that reports nothing must be right.
+their bounds. A solver that misses its accuracy must report the failure.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Setting:
-    """A scene, its mesh, its instants, and the exact displacement if it is known."""
+    """A scene, its mesh, its instants, and the exact displacement if known."""
 
     scene: vx.Scene
     mesh: vx.PolygonMesh
     times: Any
     exact: np.ndarray | None = None
-    """The displacement (N + 1, n_nodes, 2), if it is known to the last digit."""
+    """Exact displacement (N + 1, n_nodes, 2), if known."""
     options: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -60,10 +60,10 @@ class Case:
     says: str = ""
     """Words that the warning or the error must contain."""
     holds: Callable[[Setting, vx.History], str] = lambda setting, history: ""
-    """A further check, which returns the fault, or an empty string if there is none."""
+    """Further check, which returns a fault or an empty string."""
     solvers: tuple[vx.Solver, ...] = SOLVERS
     beyond: bool = False
-    """True if double precision cannot certify the case: then even Newton is allowed to report a failure."""
+    """True if double precision cannot certify the case."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Finding:
 
 
 def run(case: Case) -> list[Finding]:
-    """Return every solver's finding; if two answers differ too much, the second finding has the complaint."""
+    """Return every solver's finding."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:

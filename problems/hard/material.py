@@ -1,4 +1,4 @@
-"""Materials: nearly incompressible ones, and stiff ones beside soft ones."""
+"""Materials: nearly incompressible materials, and stiff cells beside soft cells."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def slab(force, bound=4.0, course=cyclic):
 
 
 def is_balanced(setting, history):
-    """Return "" if friction alone balances the load, else words that say what is wrong."""
+    """Return "" if friction alone balances the load, else the fault."""
     load = 3.8 * cyclic(TIMES)
     left = np.abs(history.force("bottom")[:, 0] + load).max()
     return "" if left <= 1e-5 * 3.8 else f"friction is {left:.1e} off balance"

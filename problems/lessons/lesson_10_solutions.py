@@ -50,7 +50,8 @@ assert abs(above - below - 0.5 * bound**2) < 1e-10
 # %% [markdown]
 # **3.** Add to $\tau$ a combination of states without a load, and choose the factors for which $|\delta|$ is smallest.
 # This is a least-squares problem. A net has finitely many independent states without a load. If we combine all of them,
-# the bound becomes the error itself. A continuum has infinitely many such states, so we take those of a mesh.
+# the bound becomes the error itself. A continuum has infinitely many states without a load, so we take states of a
+# mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)
@@ -63,8 +64,7 @@ assert better < bound
 # %% [markdown]
 # **4.** Keep only the terms of some nodes in the sum of the exercise, and divide by the smallest reserve
 # $w_i - |\lambda_i|$ of these nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small.
-# It is not certain that a node sticks, because a slip of any small size is possible. In a net one could also bound the
-# friction of the solution node by node; in a continuum a bound in the energy norm bounds no traction at a point.
+# It is not certain that a node sticks, because a slip of any small size is possible.
 
 # %%
 w = np.full(free, 0.8)

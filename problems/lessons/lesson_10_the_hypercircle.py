@@ -3,8 +3,8 @@
 
 # %% [markdown]
 # *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* a
-# bound of the error from any two admissible fields, good or bad, without the solution. Friction changes the bound.
-# `vx.error_bound` computes the bound for a body, and an interval for a displacement that one may measure.
+# bound of the error from any two admissible fields, without the solution. Friction changes the bound. `vx.error_bound`
+# computes the bound for a body, and an interval for a displacement that one may measure.
 #
 # A certificate (lesson 6) bounds the distance of an answer to the solution *on the same mesh*. A residual estimate
 # measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is
@@ -82,9 +82,9 @@ assert np.allclose(stretch.T @ tau, f)
 # %% [markdown]
 # ## 2. The circle
 #
-# The difference of two admissible forces, $\sigma - \tau$, is in equilibrium without a load. Such forces do no work on
-# any admissible displacement, so $\sigma - \tau$ and $\mathbb C\, \varepsilon(u - v)$ are orthogonal in the norm of
-# forces. Pythagoras' theorem says
+# The difference of two admissible forces, $\sigma - \tau$, is in equilibrium without a load, and does no work on any
+# admissible displacement. So $\sigma - \tau$ and $\mathbb C\, \varepsilon(u - v)$ are orthogonal in the norm of forces.
+# Pythagoras' theorem says
 #
 # $$|u - v|^2 + |\sigma - \tau|^2 = |\delta|^2, \qquad \delta = \tau - \mathbb C\, \varepsilon(v) .$$
 #
@@ -139,15 +139,15 @@ _figure
 # The bound is the hypotenuse of a right triangle whose legs are the errors of $v$ and $\tau$. So the bound is close if
 # the error of $\tau$ is small. A bad $\tau$ never makes the bound wrong, but makes it large. If both legs are equal,
 # the bound is $\sqrt 2$ times the error. For a bound of 1.1 times the error, the error of $\tau$ must be less than half
-# of the error of $v$. So more work on $\tau$ improves the bound, and one may stop at any time.
+# of the error of $v$.
 #
 # </details>
 #
 # ## 3. A number that one may measure
 #
 # We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
-# under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a circle of its
-# own. The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
+# under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a second circle.
+# The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
 # $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$.
 #
 # The force $\sigma$ lies on the first circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let
@@ -195,8 +195,7 @@ assert widths[0] / widths[-1] > 40
 #
 # $$|u - v| \le \tfrac12 |\delta| + \sqrt{\tfrac14 |\delta|^2 + \Phi} .$$
 #
-# The circle has become a ball with the same centre and with this root as its radius. The solution lies on its surface
-# or inside.
+# The circle has become a ball with the same centre and with this root as its radius. The solution lies in this ball.
 
 # %%
 w = rng.uniform(0.2, 1.0, len(u))
@@ -224,8 +223,7 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # $\lambda_i = w_i \operatorname{sign} v_i$ where $v_i$ is not zero: then every term of $\Phi$ vanishes. But these
 # forces obey the law for a *wrong* displacement, and the stress that balances them may be far from $\sigma$. The best
-# pair makes $|\delta|$ and $\Phi$ small together. The multipliers of the computed answer do this, because they belong
-# to nearly the right displacement.
+# pair makes $|\delta|$ and $\Phi$ small together. The multipliers of the computed answer make both small.
 #
 # </details>
 #
@@ -237,7 +235,7 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
-# The function `vx.error_bound` computes the best such stresses of a certain polynomial degree. It bounds the distance
+# The function `vx.error_bound` computes the best of these stresses for one polynomial degree, and bounds the distance
 # to the solution for the *body*, not to the solution on the mesh.
 
 # %%
@@ -271,17 +269,15 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 
 # %% [markdown]
 # The error, in the energy norm, is known from both sides without a finer mesh. For $n = 12$ the upper bound is 14 per
-# cent above the lower bound. The interval of the mean assumes nothing about which nodes stick and which slip; this
-# makes the interval wider than it would be without friction.
+# cent above the lower bound. The interval of the mean assumes nothing about sticking and slipping nodes.
 #
-# **Question:** A colleague's residual estimate of the error for $n = 12$ is 0.018, and the lower bound is 0.022. Which
-# of them is right?
+# **Question:** A colleague's residual estimate of the error for $n = 12$ is 0.018, and the lower bound is 0.022. Can
+# the estimate be right?
 #
 # <details><summary>Answer</summary>
 #
-# The bound is right: by a theorem, the error is at least 0.022. So the estimate is too small, however it is calibrated.
-# This is the use of lower bounds: they detect wrong estimates without a reference solution. An estimate above the upper
-# bound would be safe but wasteful.
+# No: by a theorem, the error is at least 0.022, so the estimate is too small. Lower bounds detect wrong estimates
+# without a reference solution.
 #
 # </details>
 #
@@ -290,11 +286,11 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
 #    bound, and check it.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above the least energy. How is the energy of $v$, minus the complementary
-#    energy, related to the circle?
+#    any $v$ is above the least energy. How does the energy of $v$, minus the complementary energy, depend on the
+#    circle?
 # 3. Improve a bad $\tau$: add a state of force without a load. Choose the state that makes the bound smallest. How
 #    large is this bound?
-# 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. Which
-#    statement about nodes that seem to stick is certain, and which is not?
+# 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. What is
+#    certain about nodes that seem to stick?
 #
 # Solutions: `lesson_10_solutions.py`.

@@ -1,9 +1,10 @@
 # %% [markdown]
-"""# Lesson 11, the same program asked for its data: derivatives, fits, and the limit load"""
+"""# Lesson 11, data from answers: derivatives, fits, and the limit load"""
 
 # %% [markdown]
 # *You need:* active sets (lesson 5), the dual of a step (lesson 9), least squares. *You will see:* the derivative of an
-# answer by its data, forwards and backwards; a fit to a noisy loop; and the largest load, from a cone program.
+# answer with respect to the data, forwards and backwards; a fit to a noisy loop; and the largest load, from a cone
+# program.
 #
 # So far we knew the data, such as stiffness, loads and friction bounds, and computed the answer. Now we know the
 # answer, or a part of it, and look for the data: which friction explains a measured loop? How large may the load
@@ -74,7 +75,7 @@ for _data in (slips, sticks):
     assert not _found.one_sided.any()
 
 # %% [markdown]
-# **At the kink**, $f = w$, there is no derivative, only one derivative on each side. A larger pull moves the slider, a
+# **At the kink**, $f = w$, there is no derivative, but a derivative on each side. A larger pull moves the slider, a
 # smaller pull does not. If the force differs from its bound by no more than the certificate, the package returns the
 # derivative of one of the two sides, logs a warning, and marks the step in the array `one_sided`.
 
@@ -95,17 +96,16 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # <details><summary>Answer</summary>
 #
-# Every value between the two derivatives, here between $-1/K$ and 0: the quotient is their mean, weighted by the parts
-# of the interval on both sides. Only $-1/K$ and 0 are one-sided derivatives. Smaller intervals need not help: if the
-# kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves of the interval
-# instead. Away from a kink their difference tends to zero with the length of the interval. At the kink their difference
-# stays $1/K$.
+# The quotient can have every value between the two derivatives, here between $-1/K$ and 0. Smaller intervals need not
+# help: if the kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves of
+# the interval instead. Away from a kink their difference tends to zero with the length of the interval. At the kink
+# their difference stays $1/K$.
 #
 # </details>
 #
 # ## 2. Eight nodes: forward and adjoint
 #
-# We take the step of lesson 9 again, from rest, with eight contact nodes. On given active sets the answer
+# We take the step of lesson 9 again, from rest, with eight contact nodes. On known active sets the answer
 # $y = (u, \lambda)$ obeys *linear* equations. The first equation is the balance of forces. The second equation holds at
 # nodes that stick, the third at nodes that slip:
 #
@@ -178,12 +178,12 @@ def quantities(theta):
 
 theta = np.append(w, 1.0)
 differences = [(quantities(theta + one) - quantities(theta - one)) / 2e-4 for one in 1e-4 * np.eye(m + 1)]
-# While the active sets stay the same, the answer is linear in theta: difference quotients are exact up to rounding.
+# While the active sets stay the same, the answer is linear in theta, so difference quotients are exact up to rounding.
 assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forward).max()
 
 # %% [markdown]
-# **Many steps.** Friction remembers: a node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So each
-# step passes derivatives to the next step, and the adjoint runs backwards in time:
+# **Many steps.** A node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So each step passes
+# derivatives to the next step, and the adjoint runs backwards in time:
 #
 # $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
 #   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$
@@ -251,8 +251,8 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 # <details><summary>Answer</summary>
 #
 # You need the forward sweep: three right-hand sides in each step yield the derivatives at all 64 instants. The
-# Gauss-Newton method needs all of them, and the adjoint would need 64 backward sweeps. Your colleague needs the
-# adjoint: the sum of squares is one quantity, so one backward sweep yields all 1,000 derivatives. The forward sweep
+# Gauss-Newton method needs all these derivatives, and the adjoint would need 64 backward sweeps. Your colleague needs
+# the adjoint: the sum of squares is one quantity, so one backward sweep yields all 1,000 derivatives. The forward sweep
 # would carry 1,000 columns.
 #
 # </details>
@@ -341,8 +341,7 @@ assert (after[~never] < 0.5 * assumed).all()
 # %% [markdown]
 # For a node that never slips the measurements yield an inequality: its bound is at least the largest force that the
 # node has borne. All larger bounds explain the measurements equally well; a smaller bound changes the answer. A
-# standard error cannot express an inequality. (`friction_along_a_joint.py` draws standard errors of bounds along a
-# joint.)
+# standard error cannot express an inequality.
 
 # %%
 borne = np.abs(by_nodes.history.contact.traction[:, :, 0]).max(axis=0)
@@ -385,7 +384,7 @@ print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$
 #
 # If $\lambda$ and $\alpha$ satisfy the constraints, $\alpha$ is a lower bound of $\alpha^*$. Every motion with
-# $f^T \xi = 1$ gives an upper bound. `vx.limit_load` returns both, for the elastic plate in space.
+# $f^T \xi = 1$ gives an upper bound. `vx.limit_load` returns both bounds, for the elastic plate in space.
 
 # %%
 xi = motion / (push @ motion)

@@ -5,11 +5,10 @@
 # *You need:* convex functions of one variable, and their derivatives. *You will see:* an inequality where you expect an
 # equation, a convex program with the same solution, and its dual, whose unknown is the force of friction.
 #
-# A block on a rough table is attached to a spring and pulled by a force. The problem has only one unknown, but it has
-# everything that makes frictional contact special.
+# A block on a rough table is attached to a spring and pulled by a force.
 #
 # Equation numbers refer to Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
-# problem*. Run the cells in order; every cell asserts what its text claims.
+# problem*. Run the cells in order; their assertions check the text.
 
 # %%
 import matplotlib.pyplot as plt
@@ -18,7 +17,7 @@ import numpy as np
 # %% [markdown]
 # ## 1. The inequality
 #
-# The block is at the position $u$; at $u = 0$ the spring is relaxed, and its stiffness is $K$. A force $f(t)$ pulls the
+# The block is at the position $u$. The spring has the stiffness $K$ and is relaxed at $u = 0$. A force $f(t)$ pulls the
 # block. Friction takes the part $\lambda$ of this force, and $|\lambda|$ is at most the *friction bound* $w$.
 # **Question:** the block rests at $u = 0$, and the pull grows slowly from zero. What is $\lambda$ before the block
 # moves?
@@ -26,8 +25,7 @@ import numpy as np
 # <details><summary>Answer</summary>
 #
 # The block rests at $u = 0$ and the spring carries no force, so friction takes the whole pull: $\lambda = f$. Friction
-# can do so while $|f| \le w$. At rest the force of friction is therefore not given by the position or the velocity, but
-# by the balance of forces.
+# can do so while $|f| \le w$. At rest, the balance of forces determines the force of friction.
 #
 # </details>
 
@@ -62,8 +60,8 @@ def block_and_spring():
 block_and_spring()
 
 # %% [markdown]
-# The motion is slow: there is no inertia, and the forces balance at every instant. While the block moves, the part of
-# the force that friction takes is as large as the bound, and has the sign of the velocity:
+# The motion is slow: there is no inertia, and the forces balance at every instant. While the block moves, $\lambda$ has
+# the magnitude of the bound and the sign of the velocity:
 #
 # $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
 #   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ while } \dot u \ne 0.$$
@@ -117,9 +115,8 @@ def step_by_hand(u_prev, f):
 
 
 # %% [markdown]
-# Does the clip minimise $P$, and does it solve the inequality? We compare the clipped position with 8001 other
-# positions $v$. Both sides of each comparison are sums of a few numbers below 100, each rounded to 1e-16 of its size.
-# So differences below 1e-13 are rounding.
+# Does the clipped position minimise $P$, and does it solve the inequality? We compare this position with 8001 other
+# positions $v$. Differences below 1e-13 are rounding.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)
@@ -137,7 +134,7 @@ def solves_the_inequality(u, u_prev, f):
 cases = [(u_prev, f) for u_prev in (-1.0, 0.0, 0.7) for f in (-3.0, -0.4, 0.0, 1.9)]
 assert all(is_minimum(step_by_hand(*case), *case) for case in cases)
 assert all(solves_the_inequality(step_by_hand(*case), *case) for case in cases)
-# Both tests can fail: a position that is wrong by 0.01 passes neither of them.
+# A position that is wrong by 0.01 fails both tests.
 assert not any(is_minimum(step_by_hand(*case) + 0.01, *case) for case in cases)
 assert not any(solves_the_inequality(step_by_hand(*case) + 0.01, *case) for case in cases)
 print(f"{len(cases)} steps by hand minimise the energy and solve the inequality")
@@ -227,8 +224,7 @@ print("in all cases: balance of forces, complementarity, and equal values of bot
 #
 # The first inequality holds because $P$ is $\tfrac12 Ku^2$ plus a convex function. So $P$ grows at least like this
 # parabola away from its minimum. The right side does not contain $u^*$. This is the main idea of the package: every
-# answer comes with a $\lambda$, and the gap certifies the answer, whichever solver computed it. Lesson 6 continues
-# here.
+# answer comes with a $\lambda$, and the gap certifies the answer.
 
 # %%
 rng = np.random.default_rng(0)

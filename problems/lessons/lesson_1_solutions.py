@@ -46,7 +46,6 @@ u, lam, f, u_prev = rng.uniform(-1.0, 1.0, size=(4, 200))
 gap = 0.5 * K * u**2 - f * u + w * abs(u - u_prev) + (f - lam) ** 2 / (2 * K) + lam * u_prev
 terms = (f - lam - K * u) ** 2 / (2 * K), w * abs(u - u_prev) - lam * (u - u_prev)
 assert min(term.min() for term in terms) >= 0
-# The terms are sums of numbers below 5, each rounded to 1e-16 of its size.
 assert abs(gap - sum(terms)).max() < 1e-14
 
 # %% [markdown]

@@ -52,10 +52,10 @@ print("positions", np.round(u.value, 6) + 0.0)
 # $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. Block 3 takes 0.2 by its own friction and does not move. So
 # $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
 #
-# How close should the solver come? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$
-# of the positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest
-# eigenvalue of $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, the bound is much
-# better. If the computed slip of this block is $s_i$, the gap is at least (lesson 6)
+# How accurate is the solver? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$ of the
+# positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of
+# $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, the bound is much better. If the
+# computed slip of this block is $s_i$, the gap is at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
@@ -93,9 +93,9 @@ print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e},
 #
 # - Stationarity in $d_i$ gives $w_i - \xi_i = 0$: **the first component is the friction bound**.
 # - Stationarity in $u$ gives $Ku - f - \zeta = 0$, so $\zeta_i = -\lambda_i$: **the second component is the force on
-#   the block**. Note the sign.
-# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means: a block sticks, or its friction has the size $w_i$ and
-#   opposes its slip.
+#   the block**.
+# - Complementarity, $\xi_i d_i + \zeta_i s_i = 0$, means that a block sticks, or that its friction has the size $w_i$
+#   and opposes its slip.
 
 # %%
 xi = np.array([cone.dual_value[0].item() for cone in cones])
@@ -109,8 +109,8 @@ print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(equal, because the
 
 # %% [markdown]
 # The dual is itself a program: a concave quadratic function is maximised over a box, and the unknowns are the forces of
-# friction. If we solve the dual, the positions follow from $Ku = f - \lambda$. Lesson 9 starts here. **Question:**
-# block 1 is pulled, and block 4 carries no force at all. Why?
+# friction. If we solve the dual, the positions follow from $Ku = f - \lambda$. **Question:** block 1 is pulled, and
+# block 4 carries no force at all. Why?
 #
 # <details><summary>Answer</summary>
 #
@@ -167,8 +167,8 @@ chain_picture()
 #
 # $$\{(d_i, s_i) : |s_i| \le d_i\}, \qquad s_i \in \mathbb{R}^2 .$$
 #
-# The force $\lambda_i$ is now a vector in a **disc** of radius $w_i$. In the program, each cone holds a slip with two
-# components instead of one:
+# The force $\lambda_i$ is now a vector in a **disc** of radius $w_i$. In the program, the slip in each cone has two
+# components:
 
 
 # %%
@@ -254,10 +254,10 @@ discs_picture()
 # %% [markdown]
 # ## 4. The same from the package
 #
-# `vx.march` takes any such problem: a matrix, a load as a function of time, and the terms $w_i |s_i|$ (`vx.Norms`).
-# `vx.Newton` is a semismooth Newton method (lesson 5), `vx.Clarabel` the interior-point method of section 1: two very
-# different solvers. Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the
-# distance of the answers $u_N$ and $u_C$ is at most the sum of both certificates:
+# `vx.march` solves problems of this form. It takes a matrix, a load as a function of time, and the terms $w_i |s_i|$
+# (`vx.Norms`). `vx.Newton` is a semismooth Newton method (lesson 5), and `vx.Clarabel` is the interior-point method of
+# section 1. Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the distance of the
+# answers $u_N$ and $u_C$ is at most the sum of both certificates:
 #
 # $$|u_N - u_C|_K \le \sqrt{2\,\mathrm{gap}_N} + \sqrt{2\,\mathrm{gap}_C}, \qquad |u|_K^2 = u^T K u .$$
 
@@ -280,7 +280,7 @@ print(f"the answers are {apart:.0e} apart; the certificates allow {claimed:.0e}"
 # 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First compute it by hand:
 #    a block moves back only if its springs pull it by more than 0.5. Then use `march` with the times 0, 1, 2.
 # 2. Set $w = 0$. What remains of the program, of the dual, and of the answer?
-# 3. Block 1 is pulled in one step from rest. Which pull must be exceeded before block 4 moves?
+# 3. Block 1 is pulled in one step from rest. At which pull does block 4 begin to move?
 # 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull by 1.2 at
 #    45 degrees. How much larger is the friction on block 1 than with the disc? Why can a solver of quadratic programs
 #    now solve this step?

@@ -61,8 +61,8 @@ assert last_block(2.0 + 1e-6) > 1e-8
 # **4.** At 45 degrees each component of the pull is $1.2/\sqrt 2 = 0.85$. With the square, the force of friction has
 # the components 0.5 and 0.5, and the length 0.707: $\sqrt 2$ times the force with the disc. So with the square,
 # friction depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each can be
-# written with a variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts these. A disc
-# has no corners and needs a second-order cone.
+# written with a variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts linear
+# inequalities. A disc needs a second-order cone.
 
 
 # %%

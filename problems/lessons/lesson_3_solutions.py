@@ -2,7 +2,7 @@
 """# Solutions to the exercises of lesson 3, virtual elements from scratch"""
 
 # %% [markdown]
-# We repeat the matrices of the lesson, without its comments.
+# We repeat the matrices of the lesson.
 
 # %%
 import numpy as np
@@ -39,19 +39,18 @@ def cell_stiffness(x, Lambda, mu, eta):
 
 
 # %% [markdown]
-# **1.** On a triangle exactly one linear field has the six vertex values of $v$. It is harmonic, and linear on every
-# edge. So is $v$. Vertex values determine a field with these two properties. Hence $v$ is the linear field, and
-# $\Pi v = v$. The method is P1 finite elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the
-# lesson.
+# **1.** On a triangle, one linear field has the six vertex values of $v$. This field is harmonic, and linear on every
+# edge. Vertex values determine a field with these two properties. Hence $v$ is the linear field, and $\Pi v = v$. The
+# method is P1 finite elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the lesson.
 
 # %%
 triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])
 assert np.abs(projection(triangle)[1] - np.eye(6)).max() < 1e-13
 
 # %% [markdown]
-# **2.** The cantilever locks. Squares bend by hourglass modes, and these become as expensive as changes of area. Only
-# the deflection by shear remains, a little more than $4/\mu = 12$. With $\eta = 2\mu$ the same mesh deflects by 186; a
-# fine mesh deflects by 197.
+# **2.** The cantilever locks. Squares bend by hourglass modes, and these modes cost as much energy as changes of area.
+# Only the deflection by shear remains, a little more than $4/\mu = 12$. With $\eta = 2\mu$ the same mesh deflects by
+# 186; a fine mesh deflects by 197.
 
 
 # %%
@@ -84,8 +83,7 @@ print(f"deflection with eta = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, b
 # %% [markdown]
 # **3.** Five vertices have ten values. The linear fields have six dimensions, so four modes satisfy $\Pi v = 0$. The
 # square without the hanging node has two such modes. The patch test still holds: linear fields still belong to the
-# space. If a field is linear on the whole edge, a vertex in the middle changes no integral over the boundary. No rule
-# requires that edges meet at an angle.
+# space. If a field is linear on the whole edge, a vertex in the middle changes no integral over the boundary.
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -111,7 +109,7 @@ assert np.abs(strain_of_v - [gradient[0, 0], gradient[1, 1], gradient[0, 1] + gr
 # %% [markdown]
 # **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ the matrix is multiplied, too, and
 # $u$ does not change. With $\eta = 1$ the stabilisation is not multiplied, and is a millionth of its proper size. Then
-# hourglass modes cost almost no energy, and the answer depends on whether you wrote MPa or Pa.
+# hourglass modes cost almost no energy, and the answer depends on the unit of stress.
 
 # %%
 steel = np.array(lame(0.3))

@@ -6,7 +6,7 @@
 # by hand, equal to the matrix of the package; the patch test; and why nearly incompressible bodies lock on some meshes.
 #
 # Virtual elements are finite elements whose cells may be any polygons. Their functions are known on the boundary of a
-# cell only, hence *virtual*. This is enough: the method needs a few averages of each function, and these follow exactly
+# cell only, hence *virtual*. The method needs only a few averages of each function, and these averages follow exactly
 # from the vertex values.
 #
 # Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and
@@ -27,15 +27,15 @@ import vemcvx as vx
 # harmonic inside and linear on every edge. A field is determined by its $2n$ vertex values. All linear fields belong to
 # the space, and the fields of two cells agree on a common edge. But we do not know $v$ inside the cell.
 #
-# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary, and there $v$ is
-# linear on each edge. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the outward unit normal $n_i$, and let
+# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary, where $v$ is linear on
+# each edge. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the outward unit normal $n_i$, and let
 # $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$. Then
 #
 # $$\int_\omega \nabla v \,dx = \int_{\partial \omega} v \otimes n \,ds = \sum_i v_i \otimes N_i .$$
 #
 # So the mean strain, the mean rotation and the mean over the boundary are linear functionals of the vertex values.
 #
-# These three means define the *projection* $\Pi v$. It is the linear field, given by six numbers, with
+# These three means define the *projection* $\Pi v$, the linear field with
 #
 # $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(y) = \int_\omega \varepsilon(v) : \varepsilon(y)
 #   \;\; \forall \text{ linear } y, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
@@ -95,8 +95,8 @@ pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7
 to_coefficients, Pi = projections(pentagon)
 
 # %% [markdown]
-# Is $\Pi$ a projection? Then it leaves linear fields unchanged, and $\Pi\,\Pi = \Pi$. Products of matrices with six or
-# ten rows and entries of size 1 have rounding errors of about 1e-15. We allow 1e-13 in this section.
+# If $\Pi$ is a projection, $\Pi$ leaves linear fields unchanged, and $\Pi\,\Pi = \Pi$. We allow rounding errors of
+# 1e-13 in this section.
 
 # %%
 assert np.abs(Pi @ linear_fields(pentagon) - linear_fields(pentagon)).max() < 1e-13
@@ -152,9 +152,9 @@ assert apart < 1e-13
 print(f"the matrices by hand and by the package differ by {apart:.1e}")
 
 # %% [markdown]
-# With the stabilisation three eigenvalues are zero, for the three rigid motions. Without it seven are zero. Eigenvalues
-# below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the smallest nonzero eigenvalue is a third
-# of the largest.
+# With the stabilisation three eigenvalues are zero, for the three rigid motions. Without the stabilisation seven
+# eigenvalues are zero. Eigenvalues below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the
+# smallest nonzero eigenvalue is a third of the largest.
 
 
 # %%
@@ -168,10 +168,10 @@ assert free_modes(by_hand) == 3
 assert free_modes(cell_stiffness(pentagon, *moduli, eta=0.0)) == 7
 
 # %% [markdown]
-# On a square the modes separate: three rigid motions (not drawn), three of constant strain, and two hourglasses with
-# $\Pi v = 0$. The picture has $\eta = \mu$, because for $\eta = 2\mu$ an hourglass has the eigenvalue of a shear, and
-# the eigenvectors mix. **Question:** which of the two terms of $a_\omega^h$ gives each mode its energy? What happens to
-# the eigenvalues if you increase $\eta$?
+# A square has three rigid motions (not drawn), three modes of constant strain, and two hourglasses with $\Pi v = 0$.
+# The picture has $\eta = \mu$, because for $\eta = 2\mu$ an hourglass has the eigenvalue of a shear, and the
+# eigenvectors mix. **Question:** which of the two terms of $a_\omega^h$ gives each mode its energy? What happens to the
+# eigenvalues if you increase $\eta$?
 #
 # <details><summary>Answer</summary>
 #
@@ -217,8 +217,8 @@ modes()
 #
 # $$u = Ax + b \text{ on the boundary} \quad\Rightarrow\quad u = Ax + b \text{ at all vertices.}$$
 #
-# The test checks consistency, so it fails for wrong normals. It does not check the stabilisation: a wrong mean over the
-# boundary changes $\Pi$, but $v - \Pi v$ still vanishes for linear $v$.
+# The patch test checks consistency, so it fails for wrong normals. It does not check the stabilisation, because
+# $v - \Pi v$ vanishes for linear $v$.
 
 
 # %%
@@ -254,8 +254,8 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # ## 4. Locking
 #
 # A cantilever, four long and one high, is clamped on the left. A downward force of 1 shears its right end. With the
-# vector $f$ of nodal loads, the end deflects by $f^T u$. For rubber $\nu \to \tfrac12$ and $\Lambda \to \infty$:
-# changes of area cost more and more energy, and in the limit
+# vector $f$ of nodal loads, the end deflects by $f^T u$. For rubber $\nu \to \tfrac12$ and $\Lambda \to \infty$.
+# Changes of area cost more and more energy, and in the limit
 #
 # $$\mathrm{div}\, u = 0 .$$
 #
@@ -276,7 +276,7 @@ def end_load(mesh):
 
 
 def deflections(mesh, poissons):
-    """Return f^T u for each Poisson's ratio. K is linear in Lambda and mu (eta = 2 mu): two assemblies suffice."""
+    """Return f^T u for each Poisson's ratio; K is linear in Lambda and mu."""
     K_Lambda, K_mu, f = assemble(mesh, 1.0, 0.0), assemble(mesh, 0.0, 1.0), end_load(mesh)
     clamped = np.unique(mesh.boundaries["left"])
     free = np.setdiff1d(np.arange(len(f)), np.concatenate([2 * clamped, 2 * clamped + 1]))
@@ -302,10 +302,9 @@ cantilever = {
 # which is 206 at $\nu = \tfrac12$ and $E = 1$. The clamp makes the body a little stiffer.
 #
 # How much does a body deflect if it *cannot* bend? The shear $u = (0, -x)$ has no divergence, and it belongs to the
-# space of every mesh. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles have this
-# deflection and little more: less than a tenth of 206 on both meshes, and refinement does not help. On coarse squares
-# and hexagons the deflection is too small by less than a quarter, and refinement at least halves this error. (The error
-# of the deflection is the *square* of the error in the energy norm.)
+# space of every mesh. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles deflect by less
+# than a tenth of 206 on both meshes, and refinement does not help. On coarse squares and hexagons the deflection is too
+# small by less than a quarter, and refinement at least halves this error.
 
 # %%
 beam = 12 * 4.0**3 / 3 * (1 - poissons**2) + 1.2 * 4 * 2 * (1 + poissons)

@@ -28,8 +28,8 @@ import vemcvx as vx
 #
 # $$j(v/k) = j(v)/k .$$
 #
-# Write $(v - u_{n-1})/k$ for the test function: since $v$ takes all values, so does this quotient. Then the difference
-# of test function and velocity is $(v - u_n)/k$, and every term has the factor $1/k$, which cancels:
+# Write $(v - u_{n-1})/k$ for the test function, with any $v$. Then the difference of test function and velocity is
+# $(v - u_n)/k$, and every term has the factor $1/k$, which cancels:
 #
 # $$a(u_n, v - u_n) + j(v - u_{n-1}) - j(u_n - u_{n-1}) \ge \langle \ell_n, v - u_n \rangle \quad \text{for all } v.$$
 #
@@ -37,9 +37,9 @@ import vemcvx as vx
 #
 # $$\min_u \; \tfrac12 a(u, u) - \langle \ell_n, u \rangle + j(u - u_{n-1}).$$
 #
-# So time only labels the loads: if the same loads come faster or slower, the path is the same (*rate independence*). We
-# check this on the four sliders of lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the
-# other. The ratio is a power of two, so rounding does not change any load, and both answers agree in all bits.
+# So the path does not depend on the speed of the load (*rate independence*). We check this on the four sliders of
+# lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the other. The ratio is a power of two,
+# so rounding does not change any load, and both answers agree in all bits.
 
 # %%
 chain = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -48,7 +48,7 @@ instants = np.linspace(0.0, 5.0, 41)
 
 
 def course(t):
-    """Return the value at t of a load that is 0, 1, -1 and 1 at t = 0, 1, 3 and 5, and linear in between."""
+    """Return the load at t, which is 0, 1, -1 and 1 at t = 0, 1, 3 and 5, and linear in between."""
     return np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
 
 
@@ -93,23 +93,20 @@ loads = there_and_back(30)
 path = walk(loads)
 lost = w * np.abs(np.diff(path[30:])).sum()
 closed_form = 4 * w * (peak - w) / K
-# The sum has 120 increments below 1, each rounded to 1e-16.
 assert abs(lost - closed_form) < 120e-16 * closed_form
 assert abs(path[-1] - path[30]) < 1e-15, "the loop closes"
 print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}")
 
 # %% [markdown]
-# One load, two positions: at $f = 0$ the slider is at $+w/K$ on the way down and at $-w/K$ on the way up. With friction
-# the position is not a function of the load. **Question:** on which parts of the loop does the slider rest, and where
-# do you see the number $2w$?
+# At $f = 0$ the slider is at $+w/K$ on the way down and at $-w/K$ on the way up. With friction the position is not a
+# function of the load. **Question:** on which parts of the loop does the slider rest, and where do you see the number
+# $2w$?
 #
 # <details><summary>Answer</summary>
 #
-# On the two vertical sides of the loop, each of which begins at a reversal. The slider rests at
-# $u = (f_{\max} - w)/K = 1$ while the load falls from $f_{\max} = 3$ to $f_{\max} - 2w = 1$, and at $u = -1$ while the
-# load rises from $-3$ to $-1$. Both sides have the height $2w = 2$: the force of friction changes from $w$ to $-w$
-# before the slider moves. (From the start at $u = 0$ the slider waits for $w$ only, because the force of friction
-# starts at zero.)
+# The slider rests on the two vertical sides of the loop: at $u = (f_{\max} - w)/K = 1$ while the load falls from
+# $f_{\max} = 3$ to $f_{\max} - 2w = 1$, and at $u = -1$ while the load rises from $-3$ to $-1$. Both sides have the
+# height $2w = 2$: the force of friction changes from $w$ to $-w$ before the slider moves.
 #
 # </details>
 
@@ -161,7 +158,6 @@ def balance(steps):
 
 for _steps in (30, 60, 120):
     _work, _stored, _friction, _numerical = balance(_steps)
-    # The sums have up to 600 terms below 10, each rounded to 1e-16 of its size.
     assert abs(_work - _stored - _friction - _numerical) < 600e-15
     assert abs(_friction - 5 * w * (peak - w) / K) < 600e-15, "the loss to friction has no error"
     assert abs(_numerical - 0.5 * (peak / _steps) * 5 * (peak - w) / K) < 600e-15
@@ -179,9 +175,9 @@ for _steps in (30, 60, 120):
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
 # and the package reports the first three terms as `history.work`, `.energy` and `.dissipated`. The last sum is the
-# numerical loss of backward Euler. Half the time step gives about half of this loss. The ratio of the losses is not
-# exactly 2, because some nodes start to slip within a step. So we assert a ratio between 1.9 and 2.1. The package warns
-# if the numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` is free of this loss.
+# numerical loss of backward Euler. Half the time step gives about half of this loss: we assert a ratio between 1.9 and
+# 2.1. The package warns if the numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` is
+# free of this loss.
 
 
 # %%
@@ -235,15 +231,15 @@ def body_picture(history):
 body_picture(histories[40])
 
 # %% [markdown]
-# **Question:** is the loop steeper just after a reversal or just before the next one? How does the stiffness of the
-# body change in between?
+# **Question:** is the loop steeper just after a reversal or just before the next reversal? How does the stiffness of
+# the body change in between?
 #
 # <details><summary>Answer</summary>
 #
-# Just after a reversal. Then all eight nodes of the lower side stick, and the body is as stiff as if it were glued to
-# the floor. The nodes start to slip one after another. A node that slips carries a constant force and adds no
-# stiffness; just before the next reversal a single node still sticks. The slope, load over mean displacement, has
-# fallen from 62.7 to 39.7: the body has lost 37 % of its stiffness. At the reversal its stiffness is 62.7 again.
+# The loop is steeper just after a reversal. Then all eight nodes of the lower side stick. The nodes start to slip one
+# after another. A node that slips carries a constant force and adds no stiffness; just before the next reversal a
+# single node still sticks. The slope, load over mean displacement, has fallen from 62.7 to 39.7: the body has lost 37 %
+# of its stiffness. At the reversal its stiffness is 62.7 again.
 #
 # </details>
 #

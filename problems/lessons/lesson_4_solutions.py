@@ -18,12 +18,12 @@ def walk(loads, u=0.0, bound=w):
 
 
 # %% [markdown]
-# **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 it stays there if this position is below
-# $w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ this position does
-# not depend on the peak. A computation uses only the loads at the ends of steps; let $\tilde f$ be the largest of these
-# loads. The error is the difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both
-# loads lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a
-# step can detect this error. (`vemcvx` has an indicator for this error: see `missed_reversal.py` among the problems.)
+# **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 the slider stays at this position if
+# $(f - w)/K \le w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ the end
+# position does not depend on the peak. A computation uses only the loads at the ends of steps; let $\tilde f$ be the
+# largest of these loads. The error is the difference of the end positions for $f$ and for $\tilde f$. It is
+# $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and
+# $\tilde f \le w$. No certificate of a step can detect this error.
 
 
 # %%
@@ -109,9 +109,8 @@ assert np.abs(branch - (first_loading(up)[-1] - 2 * first_loading((2.0 - down) /
 
 # %% [markdown]
 # **5.** The condition says that the start is in equilibrium, with forces that friction can carry:
-# $\ell(0) - a(u_0, \cdot)$ is a subgradient of $j$ at zero. Otherwise the state would have to jump at $t = 0$. The
-# solutions of (2.3) are Lipschitz continuous in time and do not jump. `march` takes one step at the first instant, and
-# refuses a start that moves.
+# $\ell(0) - a(u_0, \cdot)$ is a subgradient of $j$ at zero. Otherwise the state would jump at $t = 0$, but solutions of
+# (2.3) are Lipschitz continuous in time. `march` takes one step at the first instant, and refuses a start that moves.
 
 # %%
 try:

@@ -8,7 +8,7 @@
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
 # this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an
-# equation with kinks. The paper solves its steps by a method of this family ([24] there).
+# equation with kinks. The paper solves its steps by a related method.
 
 # %%
 import matplotlib.pyplot as plt
@@ -25,13 +25,13 @@ import vemcvx as vx
 #
 # $$K u + \lambda = f, \quad |\lambda_i| \le w_i, \quad \lambda_i = w_i\,\mathrm{sign}(s_i) \text{ where } s_i \ne 0.$$
 #
-# The two conditions on $\lambda$ are one equation. For any *shift* $\gamma_i > 0$ they say
+# For any *shift* $\gamma_i > 0$, the two conditions on $\lambda$ are equivalent to one equation:
 #
 # $$\lambda_i = \mathrm{clip}(\hat\lambda_i, -w_i, w_i), \qquad \hat\lambda_i = \lambda_i + \gamma_i s_i .$$
 #
 # We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation says $s_i = 0$. Otherwise
-# $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method is:
-# find the linear piece on which $\hat\lambda$ lies, replace the clip by this piece, and solve. This is an *active set*
+# $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method finds
+# the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and solves. This is an *active set*
 # iteration:
 #
 # - If $|\hat\lambda_i| \le w_i$, node $i$ sticks: $u_i = u_{prev,i}$.
@@ -52,7 +52,7 @@ def newton_step(program, u, lam, gamma):
 
 
 def active_sets(program, gamma, rounds=40):
-    """Return the answer and all guesses. Start from rest, and end when a guess repeats the guess before it."""
+    """Return the answer and all guesses; start from rest, and end when two successive guesses are equal."""
     u, lam, sides = program[3], np.zeros(len(program[3])), []
     while len(sides) < rounds:
         u, lam, side = newton_step(program, u, lam, gamma)
@@ -237,7 +237,7 @@ errors_picture()
 # | (back, forward) | $u = (-3, -1)$: the second block moves back | (back, back) |
 # | (back, back) | $u = (-1, 1)$: the second block moves forward | (back, forward) |
 #
-# The solution lies between these two guesses, and the iteration jumps over it for ever. The forces of every iterate
+# The solution lies between these two guesses, and the iteration never reaches the solution. The forces of every iterate
 # balance, so each iterate looks like an answer.
 
 # %%
@@ -253,8 +253,8 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 # %% [markdown]
 # With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the second
 # block has the force 1 and the slip $-1$. Its trial force is $\hat\lambda_2 = 1 - \gamma_2$, which lies within $\pm 1$
-# while $\gamma_2 \le 2$. A small shift helps: the package takes 0.1 divided by the flexibility. But a small shift does
-# not guarantee convergence. We try 60 random programs.
+# while $\gamma_2 \le 2$. The package takes 0.1 divided by the flexibility. But a small shift does not guarantee
+# convergence. We try 60 random programs.
 
 
 # %%
@@ -299,8 +299,8 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # round of Newton's method begins at the result of the sure step.
 #
 # **Theorem.** The smallest gap tends to zero. *Proof.* If this gap is halved again and again, the claim holds.
-# Otherwise there is a round after which it is never halved, and sure steps go on for ever. They are the iterates of the
-# projected gradient, so their gap tends to zero, and the smallest gap is halved after all: a contradiction. $\square$
+# Otherwise this gap is never halved after some round, and sure steps go on for ever. Sure steps are the iterates of the
+# projected gradient, so their gap tends to zero. Hence the smallest gap is halved: a contradiction. $\square$
 
 
 # %%
@@ -311,7 +311,7 @@ def gap(program, u, lam):
 
 
 def solve_safely(program, gamma, patience=5, rounds=1000):
-    """Return the answer, the gap after every round, and the numbers of those rounds that were sure steps."""
+    """Return the answer, the gap after every round, and the indices of the sure steps."""
     K, f, w, u_prev = program
     flexibility = np.linalg.inv(K)
     rho = 1.0 / np.linalg.eigvalsh(flexibility).max()
@@ -336,7 +336,7 @@ def solve_safely(program, gamma, patience=5, rounds=1000):
 # %% [markdown]
 # We keep the large shift of ten, which makes the programs hard. Now every program is solved: the gap is below
 # $10^{-12} \cdot \tfrac12 f^T K^{-1} f$, so the error in the energy norm is below 1e-6 of the norm of the answer
-# without friction. Where Newton's method alone would cycle, sure steps lead it to the right sets.
+# without friction. Sure steps end the cycles of Newton's method.
 
 # %%
 runs = [solve_safely(program, shift(program[0], 10.0)) for program in programs]
@@ -381,17 +381,17 @@ safeguard_picture()
 #
 # <details><summary>Answer</summary>
 #
-# Section 1. The equation is piecewise linear, and on the right piece one linear system gives the exact solution. So the
-# gap falls to rounding in one round, however large it was before. Superlinear convergence (section 2) takes several
-# rounds, each faster than the last. It occurs in the plane, where the projection on a disc is not piecewise linear.
+# Section 1 explains this. The equation is piecewise linear, and on the right piece one linear system gives the exact
+# solution. So the gap falls to rounding in one round. Superlinear convergence (section 2) takes several rounds: in the
+# plane, the projection on a disc is not piecewise linear.
 #
 # </details>
 #
 # ## Exercises
 #
 # 1. At which shift does the cycle of the two blocks begin? Predict it from the table, then try.
-# 2. Show that with one unknown and a start from rest the guesses never cycle, whatever the shift. What about another
-#    start?
+# 2. Show that with one unknown and a start from rest the guesses never cycle, whatever the shift. Can they cycle from
+#    another start?
 # 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. How many guesses does it need, and why more
 #    than for the body? Does it help to start from the answer to 9/10 of the pull?
 # 4. Use sure steps alone on the 60 programs. How many steps does the hardest program need for a gap of 1e-6 of the

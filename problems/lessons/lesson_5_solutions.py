@@ -47,20 +47,19 @@ assert not has_cycle(2.0)
 assert has_cycle(2.0 + 1e-9)
 
 # %% [markdown]
-# **2.** Let $u_{prev} = 0$; then $f$ is the force that holds the unknown where it is. From rest the first guess is to
-# stick, with $\lambda = f$. If $|f| \le w$, this is the solution. Otherwise, say for $f > w$, the next guess is to slip
-# forward, with $s = (f - w)/K > 0$. Then $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the
-# iteration ends.
+# **2.** Let $u_{prev} = 0$. From rest the first guess is to stick, with $\lambda = f$. If $|f| \le w$, this is the
+# solution. Otherwise, say for $f > w$, the next guess is to slip forward, with $s = (f - w)/K > 0$. Then
+# $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the iteration ends.
 #
 # From another start the guesses may cycle. Let $|f| < w$, and let the first guess be forward, so $s = (f - w)/K < 0$.
 # If $\gamma$ is so large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$.
-# If then $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. A shift $\gamma \le K$ is safe after
-# forward: $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
+# If then $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. If $\gamma \le K$, a forward guess
+# gives $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
 
 
 # %%
 def count_guesses(f, gamma, start):
-    """Return the number of guesses for K = 1, w = 1, u_prev = 0, from the given position and force."""
+    """Return the number of guesses for K = 1, w = 1, u_prev = 0, from a position and a force."""
     program = (np.eye(1), np.array([f]), np.ones(1), np.zeros(1))
     return len(active_sets(program, np.array([gamma]), start=start)[2])
 
@@ -140,7 +139,7 @@ print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at
 # %% [markdown]
 # **5.** Run the iteration until the sets of an earlier round occur again. The length of the cycle is the number of
 # rounds from the first occurrence to the second. One repetition is enough, because the sets determine the next iterate,
-# and thus all later iterates. The most frequent length is two, but there are others.
+# and thus all later iterates. The most frequent length is two, but other lengths occur.
 
 
 # %%

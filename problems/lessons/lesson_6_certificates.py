@@ -5,8 +5,8 @@
 # *You need:* linear algebra, the dual of lesson 1. *You will see:* what a duality gap proves, why we need not trust a
 # solver, and what a gap cannot tell.
 #
-# Every answer of this package comes with a number that bounds its error, whichever solver computed the answer. This
-# lesson writes the number in six lines and proves the bound. Then a solver stops too early and reports "optimal".
+# Every answer of this package comes with a bound on its error. This lesson computes the bound in six lines. Then a
+# solver stops too early and reports "optimal".
 #
 # One step of friction is the convex program
 #
@@ -44,8 +44,9 @@ print(f"{len(f)} contact nodes, of which {np.count_nonzero(step.answer.d)} slip"
 # %% [markdown]
 # ## The gap in six lines
 #
-# Lesson 1 derived the dual: its unknowns are forces $\lambda$ with $|\lambda_i| \le w_i$, and $Ks = f - \lambda$ at the
-# solution. For *any* $s$ and any such $\lambda$, with the residual $r = f - \lambda - Ks$,
+# Lesson 1 derived the dual: its unknowns are *admissible* forces $\lambda$, with $|\lambda_i| \le w_i$, and
+# $Ks = f - \lambda$ at the solution. For any $s$ and any admissible $\lambda$, with the residual
+# $r = f - \lambda - Ks$,
 #
 # $$\mathrm{gap}(s, \lambda) = \tfrac12\, r^T K^{-1} r + \sum_i \bigl( w_i |s_i| - \lambda_i s_i \bigr) .$$
 #
@@ -81,8 +82,8 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate ha
 #
 # $$P(s) \ge P(s^*) + \tfrac12 |s - s^*|_K^2 .$$
 #
-# Second, $|\lambda_i| \le w_i$ implies $w_i |v_i| \ge \lambda_i v_i$ for every $i$ and every $v$. Replace $w_i |v_i|$
-# by $\lambda_i v_i$: no term of $P$ grows, and the result is smooth, with its minimum at $Kv = f - \lambda$. So
+# Second, $|\lambda_i| \le w_i$ implies $w_i |v_i| \ge \lambda_i v_i$ for every $i$ and every $v$. If $\lambda_i v_i$
+# replaces $w_i |v_i|$, no term of $P$ grows, and the minimum is at $Kv = f - \lambda$. So
 #
 # $$\begin{aligned} P(v) &\ge \tfrac12 v^TKv - (f - \lambda)^Tv \\
 #   &\ge -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) = D(\lambda) \quad \text{for all } v. \end{aligned}$$
@@ -97,9 +98,8 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate ha
 # The proof depends on $w_i |v_i| \ge \lambda_i v_i$. Without $|\lambda_i| \le w_i$ this inequality is wrong for some
 # $v$, and the gap proves nothing (see "How to cheat a careless check" below).
 #
-# The proof does not mention a solver. We now disturb the solution at random and compare both sides of the inequality.
-# We do not know $s^*$, but the package's answer has a certified relative error below $10^{-13}$, so we use this answer
-# as $s^*$.
+# We now disturb the solution at random and compare both sides of the inequality. We do not know $s^*$, but the
+# package's answer has a certified relative error below $10^{-13}$, so we use this answer as $s^*$.
 
 # %%
 rng = np.random.default_rng(6)
@@ -115,24 +115,24 @@ ratio = disturbed[:, 1] / disturbed[:, 0]
 print(f"certified / true error: {ratio[:8].mean():.0f} for small errors, {ratio[-8:].mean():.1f} for large errors")
 
 # %% [markdown]
-# The bound always holds, but it is far from sharp for small errors. Suppose that a node should stick, and it slips by
-# $s_i$ instead. If $\lambda$ is the force of the solution, the gap is at least
+# The bound always holds, but it is far from sharp for small errors. Suppose that a node sticks in the solution, but
+# slips by $s_i$ in the answer. If $\lambda$ is the force of the solution, the gap is at least
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
 # The gap is thus linear in the slip, whereas the squared error is quadratic. So for an error $\varepsilon$ the
 # certificate is of size $\sqrt\varepsilon$.
 #
-# **Question:** Two answers are equally far from $s^*$. In one, all sticking nodes are at rest; in the other, they slip
-# a little. Which answer has the better certificate? And why do active-set methods (lesson 5) reach certificates that
-# are as small as rounding errors?
+# **Question:** Two answers are equally far from $s^*$. In the first answer all sticking nodes are at rest; in the
+# second answer they slip a little. Which answer has the better certificate? And why do active-set methods (lesson 5)
+# reach certificates that are as small as rounding errors?
 #
 # <details><summary>Answer</summary>
 #
-# The answer with nodes at rest. Take the right forces, $\lambda = \lambda^*$, and let the slipping nodes slip in the
-# right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is $\tfrac12 r^TK^{-1}r$ with
-# $r = K(s^* - s)$. This is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that slips by $s_i$ adds
-# $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
+# The first answer has the better certificate. Take the forces of the solution, $\lambda = \lambda^*$, and let the
+# slipping nodes slip in the right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is
+# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that slips
+# by $s_i$ adds $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
 #
 # Active-set methods set exactly $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips. Their gap is
 # $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
@@ -192,11 +192,11 @@ except vx.NotCertified as error:
 print(refused)
 
 # %% [markdown]
-# The package ignored the status and computed the gap, which was too large. With `check=False` it returns the answer
-# anyway, with its certificate. So we can compare the true error with the certified error.
+# The package ignored the status and computed the gap, which was too large. With `check=False` the package returns the
+# answer with its certificate, so we can compare the true error with the certified error.
 #
-# The error of one step affects the next step, which begins where this step ended. But the error is not *amplified*: the
-# map from $u_{prev}$ to $u$ is nonexpansive in $|\cdot|_K$ (exercise 3). So
+# Later steps do not *amplify* the error of a step: the map from $u_{prev}$ to $u$ is nonexpansive in $|\cdot|_K$
+# (exercise 3). So
 #
 # $$|u_n - u_n^*|_K \le \sum_{m \le n} \sqrt{2\,\mathrm{gap}_m} .$$
 #
@@ -239,11 +239,10 @@ _figure
 #
 # $$P(s) - D(f) = P(s) .$$
 #
-# It is zero or negative for every $s$ with $P(s) \le 0$, that is, for every answer whose energy does not exceed the
-# energy of $s = 0$. The careless check certifies all of these answers, also $s = 0$, as exact. For answers with
-# $P(s) > 0$ the "gap" is positive, but it need not bound the error either: at $2.1\,s^*$ it is smaller than half the
-# squared error. The package first moves each multiplier to the nearest admissible value, as `clip` does in the six
-# lines above.
+# This "gap" is zero or negative for every $s$ with $P(s) \le 0$. The careless check certifies all of these answers,
+# also $s = 0$, as exact. For answers with $P(s) > 0$ the "gap" is positive, but it need not bound the error either: at
+# $2.1\,s^*$ it is smaller than half the squared error. The package first moves each multiplier to the nearest
+# admissible value, as `clip` does in the six lines above.
 
 
 # %%

@@ -38,9 +38,9 @@ for _s in rng.normal(size=(20, size)):
 
 # %% [markdown]
 # **2.** The multipliers computed from $s$ are $f - Ks$, clipped to the friction bounds. If $s$ has an error
-# $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms $w_i |s_i| -
-# \lambda_i s_i$ of the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the same order.
-# Neither choice is always better. Both are certificates, and a check can take the smaller gap.
+# $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms $w_i |s_i| - \lambda_i s_i$ of
+# the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the same order. Neither choice is
+# always better. Both are certificates, and a check can take the smaller gap.
 
 # %%
 exact = step_from(np.zeros(size), f)
@@ -72,8 +72,7 @@ for _a, _b in rng.normal(size=(10, 2, size)):
 
 # %% [markdown]
 # **4.** With $\lambda = 0$ the gap is $\tfrac12 |\lambda^*|_{K^{-1}}^2 + \sum w_i|s_i| > 0$. The answer is refused,
-# although $s$ is right: a certificate is a proof, and half of this proof is missing. If a solver returns `d` alone, the
-# package computes the multipliers from `d`.
+# although $s$ is exact. If a solver returns `d` alone, the package computes the multipliers from `d`.
 
 
 # %%

@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* energy norms and orders of convergence; certificates (lesson 6). *You will see:* how to measure each of
-# three errors alone, why one of them may be zero or nearly forty per cent, and which one to reduce first.
+# three errors alone, why the error of time steps may be zero or nearly forty per cent, and which error to reduce first.
 #
 # Let $u$ be the solution of the continuous problem, $u_h$ its discretisation in space, $u_{hk}$ its discretisation in
 # space and time, and $\tilde u$ the answer of a solver. Then
@@ -11,8 +11,8 @@
 # $$|u - \tilde u| \;\le\; \underbrace{|u - u_h|}_{\text{mesh}} + \underbrace{|u_h - u_{hk}|}_{\text{time steps}} +
 # \underbrace{|u_{hk} - \tilde u|}_{\text{solver}} .$$
 #
-# Work on one of these errors is wasted while another one is larger. All errors below are relative, in the energy norm.
-# The body is the paper's block, and $\varphi(t)$ is the course of its pull.
+# Reduce the largest of these errors first. All errors below are relative, in the energy norm. The body is the paper's
+# block, and $\varphi(t)$ is the course of its pull.
 
 # %%
 import matplotlib.pyplot as plt
@@ -65,17 +65,18 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 # $$|u - u_h| = \begin{cases} O(h) & \text{for smooth } u, \\
 #   O(h^\alpha) & \text{where } u \sim r^\alpha . \end{cases}$$
 #
-# This body is not smooth: the stress is singular where the clamp meets the free sides. So ten times the accuracy needs
-# more than a hundred times the cells.
+# The solution of this block is not smooth: the stress is singular where the clamp meets the free sides. So ten times
+# the accuracy needs more than a hundred times the cells.
 #
 # **Question:** With the same number of *cells* across, all families have nearly the same error. Which family has the
 # smallest error with the same number of *nodes*?
 #
 # <details><summary>Answer</summary>
 #
-# Squares. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles have as many nodes and an error of
-# 4.5 %. Voronoi meshes have 2046 nodes, because only three cells meet at a node; their error is 4.0 %. The error falls
-# roughly like $1/\sqrt N$ with the number $N$ of nodes, so compare error times $\sqrt N$: 1.23, 1.48 and 1.81.
+# Squares have the smallest error. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles also have
+# 1089 nodes, and an error of 4.5 %. Voronoi meshes have 2046 nodes, because only three cells meet at a node; their
+# error is 4.0 %. The error falls roughly like $1/\sqrt N$ with the number $N$ of nodes, so compare error times
+# $\sqrt N$: 1.23, 1.48 and 1.81.
 #
 # </details>
 
@@ -123,8 +124,8 @@ assert not_hit[0] > 0.3
 assert abs(in_time.orders["error"][-1] - 2) < 0.3
 
 # %% [markdown]
-# So place instants at the reversals, and then refine the mesh. (Loads that change their direction, or pressures that
-# change, add an error of order $k$. `vx.adapt` finds kinks and reversals by itself.)
+# So place instants at the reversals, and then refine the mesh. (Loads that change their direction, and pressures that
+# change, add an error of order $k$.)
 #
 # ## 3. The solver
 #
@@ -148,9 +149,9 @@ work = [run.iterations.sum() for run in solved]
 assert work[-1] < 2 * work[0]
 
 # %% [markdown]
-# Four more digits cost a quarter more iterations, because Newton's method inside the solver converges fast. The error
-# of this mesh is seven per cent, and the true errors of all three answers are far smaller. Of mesh, time steps and
-# solver, the error of the solver is the *cheapest* to reduce. So make it negligible, and certify this (lesson 6).
+# Four more digits cost a quarter more iterations. The error of this mesh is seven per cent, and the true errors of all
+# three answers are far smaller. The error of the solver is the *cheapest* to reduce, so make this error negligible
+# (lesson 6).
 #
 # ## 4. Estimates instead of references
 #
@@ -162,7 +163,7 @@ budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n
 estimates = np.array([budget.largest["space"] for budget in budgets])
 print(budgets[1])
 print("estimated error / true error", np.round(estimates / errors["squares"][1:], 2))
-# An estimate is not a bound; its constant is chosen to overestimate. The page "Choose accuracy" has measurements.
+# These estimates exceed the errors, but an estimate is not a bound.
 assert (estimates > errors["squares"][1:]).all()
 assert (estimates < 2.5 * errors["squares"][1:]).all()
 
@@ -212,13 +213,12 @@ _figure
 # seconds, and its distance to the first run shows the error. Then call `vx.error_budget` for the error of the mesh.
 #
 # Spend the remaining time on the largest error. If the instants hit the reversals, eight steps are as accurate as 64.
-# Use eight steps, and a finer mesh for the time that you save, or a mesh that `vx.adapt` refines where the estimate is
-# large. If the instants do not hit the reversals, place instants there first; a finer mesh does not remove this error.
+# Use eight steps and a finer mesh, or a mesh of `vx.adapt`. If the instants do not hit the reversals, first place
+# instants at the reversals.
 #
 # </details>
 #
-# `vemcvx cost FILE` measures all this for a problem file: true errors, seconds and memory, for families of meshes,
-# uniform and adaptive refinement, numbers of steps, and solvers. It also gives advice.
+# `vemcvx cost FILE` measures errors, seconds and memory for a problem file, and gives advice.
 #
 # ## Exercises
 #

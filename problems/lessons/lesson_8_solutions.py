@@ -128,8 +128,8 @@ assert abs(ratios[-1] - 4) < 0.05
 # **4.** A step would minimise
 # $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
 # squared positive part is convex, so there is one minimiser, and a gap certifies it. The package has this term,
-# `vx.Limits(compliance=1/c, rates=True)`: limits on velocities. The effect `vx.VelocityContact` contributes them. We
-# compute one degree of freedom by hand:
+# `vx.Limits(compliance=1/c, rates=True)`, and the effect `vx.VelocityContact` contributes this term. We compute one
+# degree of freedom by hand:
 
 
 # %%
@@ -143,6 +143,6 @@ anywhere = np.linspace(-3, 3, 6001)
 for _f in (-2.0, 0.5, 4.0):
     for _before in (-1.0, 0.0, 1.0):
         _energy = 1.5 * anywhere**2 - _f * anywhere + 10.0 * np.maximum(anywhere - _before, 0) ** 2
-        # The energy is convex, so the best point of a grid is within its spacing of the minimiser.
+        # The energy is convex, so the best point of the grid is within one spacing of the minimiser.
         assert abs(anywhere[np.argmin(_energy)] - one_way(_before, _f)) <= 1e-3
 print("all solutions hold")

@@ -22,10 +22,10 @@
 #
 # $$b(\dot u, v) = \int_\Gamma c\, \dot u \cdot v\, ds .$$
 #
-# Springs with the stiffness $\beta$ per area have the term $\int_\Gamma \beta\, u \cdot v\, ds$. For $\beta = c$ this
-# leads to the same matrix. The library has such springs, so the effect is short. The package has helpers for authors of
-# effects: `Contribution` collects arrays, `data` evaluates constants and functions, `amount` and `where` describe data
-# and boundaries in words.
+# Springs with the stiffness $\beta$ per area have the term $\int_\Gamma \beta\, u \cdot v\, ds$. For $\beta = c$ the
+# matrix is the same. The library has springs, so the effect is short. The package has helpers for authors of effects:
+# `Contribution` collects arrays, `data` evaluates constants and functions, `amount` and `where` describe data and
+# boundaries in words.
 
 # %%
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ class Dashpots(vx.Effect):
 
 # %% [markdown]
 # Three rules make an effect easy to combine. An effect is *frozen*: it remembers no mesh, so one scene serves all
-# meshes. It *refuses* meaningless data: the error names the effect, the value found and the values allowed. And it
+# meshes. It *refuses* meaningless data: the error names the effect, the value found and the values allowed. It
 # *describes* itself in one line.
 #
 # **Question:** Why may $c$ not be negative? Give one reason from thermodynamics and one from convexity.
@@ -84,8 +84,8 @@ class Dashpots(vx.Effect):
 #
 # *Dissipation:* dashpots take the power $c\,|\dot u|^2$ per area from the body; with $c < 0$ they would supply power
 # from nothing. *Convexity:* in the program of a step the dashpots are the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
-# $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If it outweighs the stiffness, there is no
-# minimum.
+# $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If this curvature exceeds the stiffness,
+# the program has no minimum.
 #
 # </details>
 #
@@ -101,10 +101,10 @@ class Dashpots(vx.Effect):
 #
 # $$(c/k + M)\, U_n = p + (c/k)\, U_{n-1} .$$
 #
-# There are two tests, because two parts may be wrong. Displacements are linear in $x$, and every virtual element mesh
-# represents them *exactly*. So the computed displacements must agree with the recursion **up to rounding**, on any mesh
-# and for any step. This tests the matrix. And the recursion must approach the exponential **with the error** $O(k)$.
-# This tests the factor $1/k$ and the equation itself.
+# We make two tests. Displacements are linear in $x$, and every virtual element mesh represents them *exactly*. So the
+# computed displacements must agree with the recursion **up to rounding**, on any mesh and for any step. This tests the
+# matrix. The recursion must approach the exponential **with the error** $O(k)$. This tests the factor $1/k$ and the
+# equation itself.
 
 # %%
 young, poisson, p, c = 10.0, 0.3, 0.5, 6.0
@@ -161,14 +161,14 @@ plt.close(_figure)
 _figure
 
 # %% [markdown]
-# **Question:** The dots lie below the line. Must they lie there? (Which velocity does backward Euler use in a step?)
+# **Question:** Why do the dots lie below the line? (Which velocity does backward Euler use in a step?)
 #
 # <details><summary>Answer</summary>
 #
-# Yes, they must. Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows
-# down, so this velocity is less than the mean velocity of the step. A step of backward Euler divides the remainder
-# $p/M - U$ by $1 + kM/c$. In the exact solution the remainder is divided by $e^{kM/c}$, which is larger. So after every
-# number of steps the remainder of backward Euler is too large, and $U_n$ is too small.
+# Backward Euler uses the velocity at the *end* of a step, $(p - MU_n)/c$. The motion of the bar slows down, so this
+# velocity is less than the mean velocity of the step. A step of backward Euler divides the remainder $p/M - U$ by
+# $1 + kM/c$. In the exact solution the remainder is divided by $e^{kM/c}$, which is larger. So after every step the
+# remainder of backward Euler is too large, and $U_n$ is too small.
 #
 # </details>
 #
@@ -194,9 +194,9 @@ assert abs(run.work[-1] - run.energy[-1] - taken - lost_by_euler) <= 1e-10 * run
 # %% [markdown]
 # ## Together with friction
 #
-# Effects can be combined freely. We put the dashpots on the pulled side of the paper's block, and pull at several
-# speeds. Without dashpots the *speed does not matter* (lesson 4): the same load leads to the same displacement, in all
-# bits, because the speeds below are powers of two. With dashpots the speed matters. Each step is certified as before.
+# We put the dashpots on the pulled side of the paper's block, and pull at several speeds. Without dashpots the *speed
+# does not matter* (lesson 4): the same load leads to the same displacement, in all bits, because the speeds below are
+# powers of two. With dashpots the speed matters. Each step is certified as before.
 
 
 # %%
@@ -246,8 +246,8 @@ _figure
 # ## Tests for every effect
 #
 # `vemcvx.testing.effect_suite` tests what *every* effect must do. For example, an effect returns equal arrays when
-# called twice, remembers no mesh, and refuses unknown names. It can be copied to another process, and does not depend
-# on its place in the scene. CONTRIBUTING.md has a recipe for adding an effect to the library.
+# called twice, remembers no mesh, and refuses unknown names. CONTRIBUTING.md has a recipe for adding an effect to the
+# library.
 
 # %%
 for _wrong in (-1.0, np.nan, lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0)):

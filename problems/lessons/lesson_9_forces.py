@@ -10,9 +10,9 @@
 #
 # $$P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i |s_i| .$$
 #
-# An engineer may ask for the forces instead: which forces $\lambda_i$ does friction carry? Each $|\lambda_i|$ is at
-# most $w_i$, and the rest of the load $f$ moves the body. We take the eight contact nodes of the paper's block again,
-# in a step in which some nodes slip and some stick.
+# This lesson computes the forces $\lambda_i$ of friction first. Each $|\lambda_i|$ is at most $w_i$, and the rest of
+# the load $f$ moves the body. We take the eight contact nodes of the paper's block again, in a step in which some nodes
+# slip and some stick.
 
 # %%
 import cvxpy as cp
@@ -71,7 +71,7 @@ assert distance <= certificate.error + certificate.error_floor + known
 #
 # $$D(\lambda) \le D(\lambda^*) = P(s^*) \le P(s) .$$
 #
-# The values of forces approach the optimum from below, the values of slips from above. Their difference is the gap.
+# $D$ approaches the optimum from below, and $P$ from above. The difference $P(s) - D(\lambda)$ is the gap.
 
 
 # %%
@@ -88,7 +88,7 @@ def below(lam):
 rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of P and D
 best = above(step.answer.d)
 print(f"P of the best slips  {best:.12f}\nD of the best forces {below(lam):.12f}")
-# Some slips are nothing but rounding. The certificate sets such slips to zero, so its gap may be smaller than P - D.
+# The certificate sets slips of the size of rounding to zero, so its gap may be smaller than P - D.
 assert certificate.gap <= above(s) - below(lam) + rounding
 assert below(lam) <= best + rounding
 assert best <= above(s) + rounding
@@ -99,22 +99,21 @@ assert best <= above(s) + rounding
 #
 # <details><summary>Answer</summary>
 #
-# It falls. The function $D$ does not change, and the new box is a part of the old box: a maximum over fewer $\lambda$
-# is not larger. Here the maximum is smaller, because the old optimum lies outside the new box. The least energy
-# $P(s^*)$ is equal to the maximum of $D$, so it falls as well: with less friction the body moves more.
+# The optimal value falls. The function $D$ does not change, and the new box is a part of the old box: a maximum over
+# fewer $\lambda$ is not larger. Here the maximum is smaller, because the old optimum lies outside the new box. The
+# least energy $P(s^*)$ is equal to the maximum of $D$, so the least energy falls as well.
 #
 # </details>
 #
 # ## 2. Moreau's decomposition
 #
-# A projection splits its argument: $f = \lambda + Ks$, with $\lambda$ in the box and $s$ normal to the box at
-# $\lambda$. For a single node $K$ is a number, and both parts have names,
+# The projection splits $f = \lambda + Ks$, with $\lambda$ in the box and $s$ normal to the box at $\lambda$. For a
+# single node $K$ is a number, and
 #
 # $$\lambda = \mathrm{clip}(f, -w, w), \qquad K s = f - \lambda = \mathrm{sign}(f)\,(|f| - w)_+ .$$
 #
-# These are the projection onto an interval and the *soft threshold* of statistics. "$s$ minimises
-# $\tfrac12 Ks^2 - fs + w|s|$" and "$\lambda$ is nearest to $f$ in the interval" are the same statement. With many nodes
-# $K$ couples the thresholds, and the work of friction is
+# The two functions are the projection onto an interval and the *soft threshold* of statistics. With many nodes $K$
+# couples the thresholds, and the work of friction is
 #
 # $$\lambda^T s = \sum_i w_i |s_i| .$$
 
@@ -232,8 +231,7 @@ print(f"{full.operators.K.shape[0]} unknowns, {len(f)} at the contact; G K = I u
 assert deviation <= 100 * EPS * np.linalg.cond(full.operators.K.toarray())
 
 # %% [markdown]
-# So an engineer who *measures* flexibilities in the laboratory can solve frictional contact without any mesh. And the
-# forces show directly where the contact may slip: only where $|\lambda_i| = w_i$.
+# So measured flexibilities suffice to solve frictional contact. The contact may slip only where $|\lambda_i| = w_i$.
 
 # %%
 history = vx.simulate(scene, mesh, [0.0, 1.0])
@@ -268,7 +266,7 @@ _figure
 # block changes in every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every
 # iteration. So Uzawa's method is the better choice where $K$ is too large to be factorised. An iterative solver of the
 # linear problems can then start from the last solution. Uzawa's method also works with an elastic code that is a black
-# box and returns displacements for loads. And it works with measured flexibilities, where there is no $K$ at all.
+# box and returns displacements for loads. Uzawa's method also works with measured flexibilities, without $K$.
 #
 # </details>
 #

@@ -31,8 +31,9 @@ assert np.flatnonzero(pulled.state[2]).tolist() == [first]
 #
 # $$\max_{p \ge 0}\; -\tfrac12 (f - p)^TK^{-1}(f - p) - p^Te .$$
 #
-# Its gradient is $s(p) - e$, so the force grows where a node is beyond the wall. For a feasible $s$ with $Ks = f - p$
-# the gap is $p^T(e - s)$. The iteration below converges up to rounding, and its $s$ is feasible up to rounding.
+# The gradient of the dual is $s(p) - e$, so the force grows where a node is beyond the wall. For a feasible $s$ with
+# $Ks = f - p$ the gap is $p^T(e - s)$. The iteration below converges up to rounding, and its $s$ is feasible up to
+# rounding.
 
 # %%
 wall = np.full(size, 0.8)

@@ -1,8 +1,8 @@
 """vemcvx: quasistatic frictional contact on polygonal meshes, posed as certified convex programs.
 
 A scene (material, supports, loads, contact, friction) on a polygonal or polyhedral mesh becomes one convex
-program at every backward-Euler step. Solvers of different kinds solve this program, and every answer has a
-certificate that does not depend on the solver. "The paper" is Feng, Han and Huang, "A virtual element method for a
+program at every backward-Euler step. Solvers of different kinds solve this program. Every answer has a certificate
+that does not depend on the solver. "The paper" is Feng, Han and Huang, "A virtual element method for a
 quasistatic frictional contact problem"; numbers of equations are those of the paper.
 """
 

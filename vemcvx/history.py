@@ -103,9 +103,9 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point of the plane (in a plane body: line), and a normal, which points ahead.
+            A point of the plane (of the line in a plane body), and a normal, which points ahead.
         on : str or sequence of str, optional
-            Names of cell data, such as names of bodies: only cells where one of these data is nonzero are included.
+            Names of cell data, such as names of bodies. Cells are included if one of these data is nonzero.
 
         Returns
         -------

@@ -278,7 +278,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
     P^h is defined in (2.11) and (3.26) of the paper. A step at times[0] leads from P^h u_0 to the initial state, which
-    obeys (2.1) on the mesh. If this step is large, u_0 violates (2.1), or h is too large: a warning says so.
+    obeys (2.1) on the mesh. If this step is large, a warning says that u_0 violates (2.1), or that h is too large.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """A measured ratio, in wall seconds and in CPU seconds; a busy machine changes mainly wall seconds."""
+    """A measured ratio, in wall seconds and in CPU seconds."""
 
     name: str
     seconds: float
@@ -33,9 +33,9 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Return the median seconds of each action. Actions alternate: a machine that slows down affects all actions.
+    """Return the median seconds of each action. Actions alternate.
 
-    If repeats > 1, an uncounted round comes first, because the first use of memory takes as long as the work.
+    If repeats > 1, the first round is not counted.
     """
     seconds: list[list[float]] = [[] for _ in actions]
     for action in actions if repeats > 1 else ():
@@ -49,7 +49,7 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 
 def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
-    """Run the programs in turn, each time in a new process; return the medians of the numbers that they print."""
+    """Run programs in turn in new processes, and return the medians of printed numbers."""
     found: dict[str, list[dict]] = {name: [] for name in codes}
     for _ in range(repeats):
         for name, code in codes.items():
@@ -58,8 +58,8 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 
 def in_a_process(code: str) -> dict:
-    """Run code that sets a dictionary `out` in a new process; return `out` and the peak memory of the process in GB."""
-    # VmHWM is the peak of this process; ru_maxrss may be the peak of its parent.
+    """Run code in a new process, and return the dictionary `out` with the peak memory in GB."""
+    # VmHWM is the peak of this process. In contrast, ru_maxrss may be the peak of the parent.
     peak = (
         "\nimport json\n"
         "status = dict(line.split(':', 1) for line in open('/proc/self/status'))\n"

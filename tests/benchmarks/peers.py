@@ -2,14 +2,14 @@
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--steps 4] [--python /usr/bin/python3]
 
-A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. Its n x n x n/4 cubes have six
-tetrahedra each. Its top moves down, tilts and moves sideways, in a few steps. Times are CPU seconds.
+A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. The mesh has n x n x n/4 cubes of
+six tetrahedra. The top of the block moves down, tilts and moves sideways. Times are CPU seconds.
 
 Siconos (Debian: python3-siconos) solves a step in the form of FCLIB. Contact forces r in Coulomb's cones cause the
-relative displacements u = W r + q: W is the flexibility, and q the displacements without contact forces. Nonsmooth
+relative displacements u = W r + q, with the flexibility W and the displacements q without contact. Nonsmooth
 Gauss-Seidel (NSGS) starts from the forces of the previous step and stops at 1e-8. Our solver receives the condensed
-program. Times are medians over steps, without the computation of W and of the condensed matrix; our median leaves
-out the first step.
+program. Times are medians over steps, without the computation of W and of the condensed matrix. Our median leaves out
+the first step.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import vemcvx as vx
 
 YOUNG, FRICTION = 200.0, 0.3
 AGREE = 1e-6
-"""Largest accepted relative difference of answers: the tolerance of NSGS times the condition number of W."""
+"""Largest accepted relative difference of answers."""
 SCENE = vx.Scene(
     vx.Elasticity(young=YOUNG, poisson=0.3),
     vx.PrescribedDisplacement(
@@ -84,7 +84,7 @@ def compare_siconos(n: int, steps: int, python: str) -> None:
     vx.simulate(SCENE, block(n), times, initial="settled", solver=solver, progress=progress)
     operators = solved[0].operators
     m = operators.D.shape[0]
-    # Siconos puts normal components first: with the letters of `StepProgram`, r = (p, -lam) and u = (e - D d, B d - b).
+    # In the notation of `StepProgram`, r = (p, -lam) and u = (e - D d, B d - b).
     order = np.column_stack([2 * m + np.arange(m), 2 * np.arange(m), 2 * np.arange(m) + 1]).ravel()
     sign = np.where(order < 2 * m, 1.0, -1.0)
     A = sp.csr_matrix(sp.vstack([operators.B, operators.D]))

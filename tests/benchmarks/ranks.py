@@ -2,10 +2,10 @@
 
 mpiexec -n 2 python tests/benchmarks/ranks.py [--n 40] [--linear petsc | iterative] [--solves 3]
 
-A block (a unit cube of n x n x n cubes, E = 200, nu = .3) is held at its top and pushed sideways at its free bottom.
-Set-up happens once per run and includes a bound on eigenvalues. A solve computes K^{-1} b to the relative residual
-1e-12, for one of three forces b. Rank 0 prints the wall seconds of both, which depend on other work of the machine.
-Every rank prints peak memory, CPU seconds, and floating-point operations (in solves and matrix products only).
+A unit cube of n x n x n cubes (E = 200, nu = .3) is held at the top and pushed sideways at the bottom. Set-up happens
+once per run and includes a bound on eigenvalues. A solve computes K^{-1} b to the relative residual 1e-12, with the
+stiffness matrix K and a force b. Rank 0 prints the wall seconds of set-up and solves. Every rank prints peak memory,
+CPU seconds, and floating-point operations (in solves and matrix products only).
 `--linear iterative` on one rank uses PyAMG instead.
 """
 
@@ -41,7 +41,7 @@ def peak() -> str:
 
 
 def measure(given: argparse.Namespace) -> float:
-    """Print times and memory for one matrix; return the CPU seconds that this rank used before the set-up."""
+    """Print times and memory, and return the CPU seconds before the set-up."""
     linear = vx.PETSc() if given.linear == "petsc" else vx.Iterative()
     system = pose_scene(SCENE, vx.meshes.cubes(given.n)).system
     print(f"{system.n} unknowns; after assembly {peak()}", flush=True)

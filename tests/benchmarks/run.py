@@ -79,7 +79,7 @@ def conditions() -> str:
 
 
 def write_page(table: Table, picture: Path) -> None:
-    """Replace the table (between BEGIN and END) and the picture of the page of benchmarks."""
+    """Replace the table and the picture of the page docs/benchmarks.md."""
     root = Path(__file__).parents[2]
     page = root / "docs" / "benchmarks.md"
     before, rest = page.read_text().split(BEGIN)

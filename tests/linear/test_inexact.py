@@ -1,4 +1,4 @@
-"""Steps with Iterative and PETSc: inexact solves, true certificates, and the same answers as with direct factors."""
+"""Steps with the inexact solvers Iterative and PETSc."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def test_states_and_forces_agree_with_those_of_a_direct_factor(kind, name):
     one, two = direct.trajectory, iterative.trajectory
     assert_within_both_certificates(posed.system, one, two)
     claimed = sum(run.certificate_total + run.certificate_floor for run in (one, two)) * one.unit
-    # |A e| <= |A|^(1/2) |e|_A, and |A| is at most the largest sum of |A_ij| in a row. Viscous forces depend on rates.
+    # |A e| <= |A|^(1/2) |e|_A, and |A| is at most the largest sum of |A_ij| in a row.
     stiff = abs(posed.A).sum(axis=1).max()
     if posed.viscosity is not None:
         stiff += abs(posed.viscosity).sum(axis=1).max() * 2 / np.diff(TIMES).min()

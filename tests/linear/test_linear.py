@@ -49,7 +49,7 @@ print(peaks[1] - peaks[0], peaks[-1] - peaks[3])
 @pytest.mark.parametrize("linear", DIRECT, ids=str)
 def test_unused_factors_free_their_memory(linear):
     """Peak memory does not grow from the 4th to the 12th factor."""
-    # By default, the C library keeps a part of the freed memory, and the size of this part varies.
+    # By default, the C library keeps a varying part of the freed memory.
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
     command = [sys.executable, "-c", MANY_FACTORS_SCRIPT.format(linear=linear)]
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)

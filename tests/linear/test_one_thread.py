@@ -13,7 +13,7 @@ from vemcvx.linear.default import one_thread
 
 
 def list_threads():
-    """Return the set of thread counts of the BLAS libraries of NumPy and SciPy."""
+    """Return the thread counts of all BLAS libraries."""
     found = [library for library in ThreadpoolController().info() if library["user_api"] == "blas"]
     return {one["num_threads"] for one in found if Path(one["filepath"]).parent.name in ("numpy.libs", "scipy.libs")}
 

@@ -1,4 +1,4 @@
-"""PETSc on two ranks under mpiexec: answers agree, the work is shared, and an error of one rank ends both ranks."""
+"""PETSc on two ranks under mpiexec."""
 
 import os
 import re

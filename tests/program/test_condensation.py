@@ -1,4 +1,4 @@
-"""Condensed runs, on the contact unknowns alone, compared with runs on all unknowns and with dense linear algebra."""
+"""Condensed runs, compared with dense linear algebra."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ TOUCHING = {"some": [3, 20, 7, 15], "none": [], "all": list(range(24)), "one bod
 @pytest.mark.parametrize("touching", TOUCHING)
 @mostly_long("shapes", [1, 3, 9], 0, 2)
 def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, linear):
-    """The loads combine 1, 3 or 9 load shapes; a condensed run stores the responses to at most six."""
+    """The loads combine 1, 3 or 9 shapes. A condensed run stores at most six shapes."""
     rng = np.random.default_rng(0)
     A = np.where(rng.random((24, 24)) < 0.15, rng.random((24, 24)), 0.0)
     K = A @ A.T + np.eye(24)
@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """The stiffness and load are 1e16 and about t for one chain, and 1 and 1e-15 t^2 for the other chain."""
+    """The stiff chain has the stiffness 1e16 and a load of about t. The soft chain has 1 and 1e-15 t^2."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0

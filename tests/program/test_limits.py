@@ -1,4 +1,4 @@
-"""One-sided terms in closed form: contact that opens and closes, springs, limits that contradict each other."""
+"""One-sided limits in closed form."""
 
 from contextlib import suppress
 
@@ -32,7 +32,7 @@ def test_a_wall_and_a_buffer_stop_two_springs():
 
 
 def lower_block(depth, gap, stiffness=None, n=4, **options):
-    """Lower a block between rollers onto an obstacle; nothing varies along x."""
+    """Lower a block between rollers onto an obstacle."""
     touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON),
@@ -50,7 +50,6 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
     gap = 0.01
 
     def depth(t):
-        """Move down, up again beyond the gap, and down."""
         return 0.05 * np.interp(t, [0, 1, 2, 3], [0, 1, 0, 0.6])
 
     history = lower_block(depth, gap, stiffness, solver=solver)
@@ -72,7 +71,7 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("start", ["settled", None])
 def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
-    """The strain is (overlap - compression of the obstacle) / H, whether the start is settled or the gap falls."""
+    """The strain is (overlap - compression of the obstacle) / H."""
     share = 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
     history = lower_block(lambda t: 0.0, gap, stiffness, n=2, initial=start)
@@ -82,7 +81,7 @@ def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
     stored = pressure**2 / OEDOMETER * HEIGHT * (1 + give)
     assert history.energy == pytest.approx(stored, rel=1e-11)
     if start is None:
-        # The numerical loss of a step is the energy of its increment: 12 equal steps lose a twelfth of the energy.
+        # Twelve equal steps of backward Euler lose a twelfth of the energy.
         assert history.work[-1] - history.energy[-1] == pytest.approx(stored[-1] / (len(TIMES) - 1), rel=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""The scale of relative errors: states without energy, extreme units, loads whose energy overflows or underflows."""
+"""Relative errors of states without energy, and under extreme units and loads."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ GAP = 0.1
 )
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
-    """The block moves rigidly, without energy, until it touches the obstacle, and again after contact has opened."""
+    """The block has no energy until contact closes, and after contact has opened."""
     scene = vx.Scene(
         vx.Elasticity(1000.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile([0.05, -0.14], (len(x), 1)) * np.sin(np.pi * t), on="top"),
@@ -32,7 +32,7 @@ def test_a_rigid_approach_to_an_obstacle_is_certified(family, friction, solver):
     for n in range(2):
         assert -motion[n, 1] < GAP
         assert np.abs(history.displacement[n] - motion[n]).max() <= 10 * accuracy * np.abs(motion).max()
-        # A displacement x of a block of width 1 has a norm of about 20 x; 20 is the root of the shear modulus.
+        # A displacement x has an energy norm of about 20 x.
         assert history.trajectory.norm[n] <= 10 * accuracy * 20 * np.abs(motion).max()
 
 
@@ -79,7 +79,7 @@ def test_loads_whose_energy_overflows_or_underflows_are_refused(force, kind):
 
 
 def make_held_block(force):
-    """Return a block on a rough floor; the traction `force(t)` pulls the block."""
+    """Return a block on a rough floor under the traction `force(t)`."""
     return vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.Clamp(on="right"),
@@ -92,7 +92,7 @@ def make_held_block(force):
 @pytest.mark.long
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_a_start_out_of_balance_is_certified(off):
-    """The start misses equilibrium by a fraction `off` of its norm. The other run makes a step to times[0]."""
+    """The start misses equilibrium by the fraction `off` of the energy norm."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
     scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")
@@ -110,7 +110,6 @@ def test_a_start_out_of_balance_is_certified(off):
     rounding = np.sqrt(2 * run.floor).cumsum() + np.sqrt(2 * other.floor).cumsum()[1:] + 4e-16 * size
     assert (distance <= allowed * (1 + 1e-9) + rounding).all()
     if off:
-        # Friction keeps a part of the push; the rest springs back.
         assert distance[0] == pytest.approx(history.certificate[0] * size, rel=1e-3)
         assert 0.1 * off <= history.certificate[0] <= off
     else:

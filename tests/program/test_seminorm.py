@@ -1,4 +1,4 @@
-"""Bodies held by friction and contact alone: K has a kernel, and errors are measured in its seminorm."""
+"""Bodies that only friction and contact hold, so that the stiffness matrix has a kernel."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ ALONE = "nothing but friction or one-sided contact holds the body against the tr
 
 
 def make_slab(pull, course=np.sin):
-    """Return a block on a rough floor. The traction pull * course(t) acts on its left side, which has length 1."""
+    """Return a block on a rough floor. The traction pull * course(t) acts on the left side."""
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),
         vx.Traction(lambda x, t: np.column_stack([np.full(len(x), pull * course(t)), np.zeros(len(x))]), on="left"),
@@ -27,7 +27,7 @@ def make_slab(pull, course=np.sin):
 @mostly_long("condense", [True, False])
 @mostly_long("share", [0.1, 0.97], 1)
 def test_friction_alone_holds_the_body(family, share, condense):
-    """Friction balances the load, every step is certified, and a warning says that the solution is not unique."""
+    """A warning says that the solution is not unique."""
 
     def swing(t):
         return np.sin(2 * np.pi * t)
@@ -47,7 +47,7 @@ def test_too_much_load_is_refused_with_the_missing_force():
 
 
 def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
-    """Two blocks with bounds 1 and 2 are joined by a spring of stiffness 10; the load pulls the first block."""
+    """A spring of stiffness 10 joins blocks with the bounds 1 and 2. The load pulls the first block."""
     K = 10.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     kernel = Kernel(np.ones((2, 1)), ("sliding together",))
     system = vx.System(K, lambda t: [2.5 * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
@@ -65,7 +65,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
 @mostly_long("far", [1.0, 1e2, 1e4, 1e8], 1, 3)
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_friction_drags_a_body_over_any_distance(far, solver):
-    """A carriage drags node 1; friction is at most 1. A spring joins nodes 1 and 2; friction up to 0.5 holds node 2."""
+    """A carriage drags node 1. A spring joins nodes 1 and 2. Friction holds node 2."""
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))
     terms = vx.Norms(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.array([1.0, 0.5]))
@@ -80,7 +80,7 @@ def test_friction_drags_a_body_over_any_distance(far, solver):
 @pytest.mark.parametrize("tips", [False, True])
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
-    """A block of weight 1 slides under a push of 0.3 if mu = 0.3; a rougher block tips under a push of 1."""
+    """A block of weight 1 slides under a push of 0.3 if mu = 0.3. A rougher block tips under a push of 1."""
     push = (1.0 if tips else 0.3) * (1 + beyond)
     sides = ["left"] if tips else ["left", "right"]
     scene = vx.Scene(
@@ -90,7 +90,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
         vx.Traction((0.0, -1.0), on="top"),
         vx.Traction(lambda x, t: [push * t / len(sides), 0.0], on=sides),
     )
-    # Rounding hides an excess of the load below 1e-9; then the step is refused as not certified.
+    # If the excess is below 1e-9, the step is not certified.
     refused = (vx.SceneError, vx.NotCertified) if beyond <= 1e-9 else vx.SceneError
     reason = "" if beyond <= 1e-9 else ".* there is no equilibrium"
     with pytest.raises(refused, match=f"^step 2 at t = 1: {reason}"):
@@ -99,7 +99,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_cube_that_slides_and_turns_without_limit_is_refused():
-    """The left side of a cube on a floor is pushed obliquely; friction balances a push of at most 0.2222."""
+    """The left side of a cube is pushed obliquely. Friction balances a push of at most 0.2222."""
     push = 0.2505859375
     scene = vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
@@ -114,7 +114,7 @@ def test_a_cube_that_slides_and_turns_without_limit_is_refused():
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_refusal_names_the_forces_along_a_diagonal():
-    """Push a cube of weight 1 and coefficient 0.3 with the force 0.5 along the diagonal of its floor."""
+    """The force 0.5 pushes a cube of weight 1 with mu = 0.3."""
     scene = vx.Scene(
         vx.Elasticity(young=1000.0, poisson=0.3),
         vx.UnilateralContact(on="bottom"),
@@ -157,7 +157,7 @@ def test_equilibrium_starts_and_iterative_solvers_are_refused_on_a_kernel():
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 @mostly_long("condense", [True, False])
 def test_a_settled_column_has_its_energy_to_twelve_digits(condense):
-    """A uniform stress of 2 has the energy 2^2 / (2 E), and the mesh causes no error."""
+    """A uniform stress of 2 has the energy 2^2 / (2 E)."""
     walls, load = vx.Symmetry(on=["left", "right"]), vx.Traction((0.0, -2.0), on="top")
     scene = vx.Scene(vx.Elasticity(200.0, 0.0), walls, load, vx.UnilateralContact(on="bottom"))
     options = {"initial": "settled", "solver": vx.Newton(accuracy=1e-12), "condense": condense}

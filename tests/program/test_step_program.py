@@ -1,4 +1,4 @@
-"""Programs of steps: certificates, multipliers computed from answers, answers of cvxpy, accepted matrices."""
+"""Programs of steps: certificates, multipliers, cvxpy, and accepted matrices."""
 
 from fractions import Fraction
 
@@ -17,7 +17,7 @@ SHARP = {"solver": "CLARABEL", "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_
 
 
 def draw_program(seed, block=1, separate=False):
-    """Return a program with norm terms and limits, one of them compliant; if `separate`, no rows share an unknown."""
+    """Return a random program. If `separate`, no two rows share an unknown."""
     rng = np.random.default_rng(seed)
     n, m, r = 14, 3, 4
     A = rng.normal(size=(n, n))
@@ -35,7 +35,7 @@ def draw_program(seed, block=1, separate=False):
 
 
 def solve_with_newton(program):
-    """Return Newton's answer and its certificate; the gap is at most the rounding floor."""
+    """Return Newton's answer and the certificate."""
     none = np.zeros((program.operators.count, program.operators.block))
     prepared = vx.Newton(max_iterations=2000).prepare(program.operators)
     answer = prepared.solve(program, 1e-30, none, np.zeros(len(program.e)))
@@ -47,7 +47,7 @@ def solve_with_newton(program):
 @separate
 @mostly_long("block", [1, 2, 3], 1)
 def test_the_gap_bounds_the_error(block, separate):
-    """1/2 |d - d*|_K^2 <= gap <= primal minus dual for every feasible d, with and without given multipliers."""
+    """1/2 |d - d*|_K^2 <= gap <= primal minus dual for every feasible d."""
     rng = np.random.default_rng(5)
     for seed in range(3):
         program = draw_program(seed, block, separate)
@@ -93,12 +93,11 @@ def test_multipliers_are_computed_from_an_increment(seed, separate):
         lam, p = program.multipliers(answer.d, **given)
         assert np.abs(lam - answer.lam).max() < 1e3 * EPS * spread
         assert np.abs(p - answer.p).max() < 1e3 * EPS * spread
-        # The gap is quadratic in the residual, and linear in errors of the multipliers of slipping and open rows.
         assert program.certify(answer.d, **given).gap < 1e3 * EPS * spread
 
 
 def test_multipliers_parallel_to_slips_have_a_gap_of_squared_rounding():
-    """Few vectors of floats have exactly the length w. If lam rotates by a small angle a, the gap is w|s| a^2 / 2."""
+    """If the angle between lam and s is a, the gap is about w|s| a^2 / 2."""
     rng = np.random.default_rng(0)
     n = 200
     w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
@@ -130,14 +129,14 @@ def test_soft_thresholding_in_a_box_is_certified(soft):
 
 
 def make_exact_program(seed, block):
-    """Return a program and its exact answer; all numbers have few bits."""
+    """Return a program and the exact answer. All numbers have few bits."""
     rng = np.random.default_rng(seed)
     n, m, r = 8, 3, 2
     root = rng.integers(-3, 4, (n, n)).astype(float)
     K = root @ root.T + np.diag(2.0 ** rng.integers(-6, 3, n))
     B, D = rng.integers(-2, 3, (m * block, n)).astype(float), rng.integers(-2, 3, (r, n)).astype(float)
     d = rng.integers(-64, 65, n) / 64
-    # With two components, slips s = B d - b are along (3, 4)/5, so that lam = w s/|s| has few bits, too.
+    # For slips s along (3, 4) / 5, the forces w s / |s| have few bits.
     way = np.array([[3.0, 4.0], [-4.0, 3.0], [3.0, -4.0]]) if block == 2 else np.array([[1.0], [-1.0], [1.0]])
     kind, w = rng.integers(0, 3, m), 5.0 * rng.integers(1, 8, m)
     size = 5.0 if block == 2 else 1.0
@@ -147,13 +146,13 @@ def make_exact_program(seed, block):
     z = np.where(p > 0, c * p, -rng.integers(0, 3, r) / 4.0)
     operators = Operators(K, B, block, D=D, compliance=c)
     g = K @ d + B.T @ lam.ravel() + D.T @ p
-    # All sums are exact: their terms are multiples of 2^-24 below 2^20.
+    # Sums of multiples of 2^-24 below 2^20 are exact.
     assert all(Fraction(x).denominator <= 2**24 and abs(x) < 2**20 for x in g.tolist())
     return StepProgram(operators, g, w, B @ d - s.ravel(), D @ d - z), d, lam, p
 
 
 def compute_distance(K, one, two):
-    """Return |one - two|_K, computed in multiples of 2^-100; entries of K are multiples of 2^-6."""
+    """Return |one - two|_K, computed with whole numbers."""
     apart = [int((Fraction(a) - Fraction(b)) * 2**100) for a, b in zip(one.tolist(), two.tolist(), strict=True)]
     rows = (64 * K).astype(int).tolist()
     square = sum(x * k * y for x, row in zip(apart, rows, strict=True) for k, y in zip(row, apart, strict=True))
@@ -163,7 +162,7 @@ def compute_distance(K, one, two):
 @mostly_long("seeds", [range(2), range(2, 40)], ids=["2", "38 more"])
 @pytest.mark.parametrize("block", [1, 2])
 def test_certificate_and_floor_bound_the_error(block, seeds):
-    """Newton's answer and perturbed exact answers are tested. Slips below 1e-9 of the displacement count as zero."""
+    """Newton's answer and perturbed exact answers are tested."""
     for seed in seeds:
         program, exact, lam, p = make_exact_program(seed, block)
         K, size = program.operators.K, program.operators.energy_norm(exact)
@@ -182,7 +181,7 @@ def test_certificate_and_floor_bound_the_error(block, seeds):
 
 
 def test_computed_multipliers_balance_the_load_on_a_kernel():
-    """Friction holds two free points: the sum of `lam` is the sum of the load, and the certificate is finite."""
+    """Friction holds two free points. The sum of `lam` is the sum of the load."""
     K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.full((2, 1), 0.5**0.5)
     operators = Operators(K, sp.eye_array(2, format="csr"), kernel=kernel)
     program = StepProgram(operators, np.array([1.5, 0.1]), np.ones(2), np.zeros(2))
@@ -200,7 +199,7 @@ def test_cvxpy_gives_the_same_increments_and_multipliers(block):
     assert posed.lam is None
     posed.problem.solve(**SHARP)
     assert posed.problem.value == pytest.approx(program.objective(exact.d), rel=1e-8)
-    # Interior-point methods stop at gaps near 1e-10; errors of d and of multipliers have the size of the root, 1e-5.
+    # The gap is near 1e-10, so errors of d and of multipliers are near 1e-5.
     for found, wanted in ((posed.d.value, exact.d), (posed.lam, exact.lam), (posed.p, exact.p)):
         assert np.abs(found - wanted).max() < 1e-4 < np.abs(wanted).max()
     gap = program.certify(program.feasible(posed.d.value), posed.lam, posed.p).gap

@@ -1,4 +1,4 @@
-"""Problems in which active sets can cycle: Coulomb's law, dependent bounds, friction discs with common nodes."""
+"""Problems in which active sets can cycle."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
         energy.append(history.energy[-1])
         dissipated.append(history.dissipated[-1])
     assert np.ptp(energy) < 0.005 * energy[-1]
-    # Discretisation alone changes the dissipation by 0.7 % at n = 16.
+    # At n = 16, the dissipation differs by 0.7 %.
     assert np.ptp(dissipated[1:]) < 0.005 * dissipated[-1]
     for values in (energy, dissipated):
         assert (np.diff(np.abs(np.diff(values))) < 0).all()
@@ -36,7 +36,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 0, 1]])
 def test_dependent_bounds_are_obeyed(order):
-    """Three bounds act on x and y, two of the unknowns x, y, z. In any order, the same two bounds become active."""
+    """Three bounds act on the unknowns x and y. Two bounds become active."""
     mu, loads = 0.3, np.array([[0, 0, 0], [0.2, -0.5, 0.2], [1.0, 0.6, 0.9]])
     D = np.array([[1.0, 0, 0], [0, 1, 0], [2 / 5**0.5, 1 / 5**0.5, 0]])[order]
     law = vx.Law(
@@ -51,7 +51,7 @@ def test_dependent_bounds_are_obeyed(order):
         limits=vx.Limits(D, np.full(3, 0.1)),
     )
     history = vx.march(system, [0.0, 1.0, 2.0])
-    # y = 0.1 and (2 x + y) / sqrt 5 = 0.1; z slips under the weight mu (p_2 + p_3).
+    # y = 0.1 and (2 x + y) / sqrt 5 = 0.1. The unknown z slips under the weight mu (p_2 + p_3).
     x = (0.1 * 5**0.5 - 0.1) / 2
     p3 = (1.0 - x) * 5**0.5 / 2
     p2 = 0.6 - 0.1 - p3 / 5**0.5
@@ -61,7 +61,7 @@ def test_dependent_bounds_are_obeyed(order):
 
 
 def test_newton_needs_few_systems_where_all_terms_slip_and_their_signs_alternate():
-    """A long strip that is pushed at its end, solved without a guess of multipliers."""
+    """A long strip is pushed at the left end."""
     push = vx.Traction(lambda x, t: [10.0 * t, 0.0], on="left")
     floor = vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom")
     scene = vx.Scene(vx.Elasticity(20000.0, 0.0), vx.Clamp(on="right"), push, *floor)
@@ -75,14 +75,14 @@ def test_newton_needs_few_systems_where_all_terms_slip_and_their_signs_alternate
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1143, 1234])
 def test_the_safeguard_answers_convex_programs_whose_sets_cycle(seed):
-    """The active sets of Newton's method cycle here with every BLAS kernel."""
+    """The active sets of Newton's method cycle with every BLAS kernel."""
     scene, mesh, kind = random_scene(seed)
     assert kind == "tresca_uni"
     assert vx.simulate(scene, mesh, TIMES).certificate.max() <= 1e-8
 
 
 UNSETTLED = {88, 101, 177, 248, 358, 1024, 1053, 1196, 1263}
-"""Seeds of nonconvex scenes (Coulomb's law, friction while closed) in which a step may be refused as not certified."""
+"""Seeds of nonconvex scenes in which a step may be refused."""
 
 
 @pytest.mark.slow

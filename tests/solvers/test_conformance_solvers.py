@@ -29,7 +29,7 @@ OWN = {
 OTHERS = {*cvxpy.installed_solvers()} - {"CLARABEL", "OSQP", "PROXQP"}  # the last digits of PROXQP vary
 FOUND = {name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in sorted(OTHERS)}
 FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
-"""Solvers that may refuse a program. Those for linear programs only are not in this list, as they accept no step."""
+"""Solvers that may refuse a program. Solvers for linear programs are left out."""
 
 TIMES = np.linspace(0.0, 1.0, 7)
 
@@ -67,7 +67,7 @@ def test_instances_of_the_suite_have_every_feature_and_stick_and_slip():
             assert history.sticking[1:].any()
             assert not history.sticking[1:].all()
         if BOUNDS in instance.features:
-            # At least one limit is active at some instant, but not every limit at every instant.
+            # Limits become active and inactive.
             assert history.pressures.any()
             assert not history.pressures.all()
 

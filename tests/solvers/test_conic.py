@@ -19,7 +19,7 @@ def test_polishing_corrects_degenerate_terms_to_rounding(seed):
     rng = np.random.default_rng(seed)
     n, kind = 12, np.arange(12) % 3
     A = rng.normal(size=(n, n))
-    # Degenerate terms of the answer `near` have |lam| + |d| = w. Newton predicts that they stick, because
+    # In degenerate terms, the answer `near` has |lam| + |d| = w. Newton predicts sticking, because
     # |lam| + |d| / (10 (K^-1)_ii) < w.
     K = np.eye(n) + A @ A.T / np.linalg.norm(A @ A.T)
     w, sign = rng.uniform(1.0, 2.0, n), rng.choice([-1.0, 1.0], n)

@@ -1,4 +1,4 @@
-"""Newton's method with friction discs: slips that are tiny, that rotate, or that vanish."""
+"""Newton's method with friction discs."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def draw_program(seed, kind):
 
 
 def is_solved(program, accuracy=1e-8):
-    """Return True if Newton, with Clarabel as its last resort, reaches the accuracy or the rounding floor."""
+    """Return True if Newton or Clarabel reaches the accuracy or the rounding floor."""
     target = 0.5 * accuracy**2 * abs(program.g @ program.operators.factor.solve(program.g))
     newton = RunSolver.prepare(vx.Newton(max_iterations=2000), program.operators)
     for solve in (newton.solve, newton.retry):
@@ -102,7 +102,7 @@ def test_osqp_refuses_discs():
 
 @mostly_long("coefficient", [0.1, 0.6, 1.5], 1)
 def test_newton_solves_coulombs_law_on_discs(coefficient):
-    """Friction stays within its bound, and reaches it where discs slip."""
+    """Friction reaches the bound where discs slip."""
     history = vx.march(make_system("Coulomb, rotating", 4, coefficient=coefficient), TIMES)
     assert history.certificate_kind == "for the given friction"
     assert history.iterations.max() <= 20

@@ -11,7 +11,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("ratio", [1.0, 1e6])
 def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio):
-    """The layers lie between clamped sides, nu is 0, and the interferences of both interfaces add up to 2e-3."""
+    """The layers lie between clamped sides. The interferences add up to 2e-3."""
 
     def layer(low):
         return vx.meshes.squares(3, box=((0, 3), (low, low + 1)))
@@ -34,7 +34,7 @@ def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio)
 
 
 def solve_by_enumeration(seed, c):
-    """Return K, g and the answer y of a step from rest with the weights 0.4 + c |s|. All signs of slip are tried."""
+    """Return K, g and the answer y of a step with the weights 0.4 + c |s|."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
     K, g = A @ A.T + np.eye(6), 10 * rng.normal(size=6)

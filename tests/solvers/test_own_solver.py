@@ -45,7 +45,7 @@ def solve(solver, program, target):
 
 
 class Mine:
-    """A solver with the given `attributes` that returns `convert(answer)`, with the answer of another solver."""
+    """A solver that returns `convert(answer)` for the answer of another solver."""
 
     def __init__(self, convert=lambda answer: answer, solver=None, **attributes):
         self._convert, self._solver = convert, solver or vx.Newton()

@@ -1,4 +1,4 @@
-"""Certificates of Coulomb's law, for friction bounds that follow from the pressures of the answer."""
+"""Certificates under Coulomb's law."""
 
 import json
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider whose pressure is p = 1 + .9 u at t = 1. If the slider slips, the slip is u = 3.5 - w(p)."""
+    """Return a slider. At t = 1, the slip is u = 3.5 - w(p) under the pressure p = 1 + .9 u."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)
@@ -40,7 +40,7 @@ def test_a_user_defined_law_needs_no_slope(accuracy):
     run = vx.march(wedge(1.0, 0.5), [0.0, 1.0], solver=vx.Newton(accuracy=accuracy))
     assert run.certificate_kind == "for the given friction"
     assert run.certificate[-1] <= accuracy
-    # As dw/dp = 1 / (2 sqrt(p)) < 1/2, the solution of the law is within twice the certified error.
+    # The factor 2 follows from dw/dp = 1 / (2 sqrt(p)) < 1/2.
     assert abs(run.state[-1, 0] - u) <= 2 * run.certified[-1] * run.norm[-1]
 
 
@@ -68,7 +68,7 @@ HELD = vx.Scene(
 
 @mostly_long("n", [3, 6, 9, 12])
 def test_a_block_unloaded_to_zero_has_no_contact_forces(n):
-    """A thermal strain that is linear in y causes no stress, so no force remains when the load is zero."""
+    """A thermal strain that is linear in y causes no stress."""
     scene = vx.Scene(
         vx.Elasticity(1000.0, 0.3),
         vx.UnilateralContact(on="bottom"),
@@ -100,7 +100,7 @@ STEEL = {"push": 0.5, "mu": 0.2, "young": 210e9, "press": 60e6}
     ids=["Newton", "steel in SI units", "Clarabel", "OSQP, polished"],
 )
 def test_a_body_held_by_friction_and_contact_needs_few_iterations(given, size, solver, most):
-    """The reaction of the floor balances the load. Newton needs at most 50 iterations per step, Clarabel 500."""
+    """The reaction of the floor balances the load."""
     mesh = vx.meshes.squares((6, 6) if size[0] == size[1] else (4, 1), box=((0, size[0]), (0, size[1])))
     history = vx.simulate(resting(**given), mesh, [0.0, 0.5, 1.0], initial="settled", solver=solver)
     push, press = given.get("push", 0.29) * size[1], given.get("press", 1.0)
@@ -122,7 +122,6 @@ def test_clarabel_helps_newton_where_iterations_run_out():
 
 @pytest.mark.long
 def test_outputs_name_the_kind_of_certificate(tmp_path):
-    """History, summary and summary.json name the kind, which is "bound" if friction bounds are given."""
     mesh, given = vx.meshes.squares(2), vx.TrescaFriction(0.3, on="bottom")
     follows = vx.simulate(resting(), mesh, [0.0, 1.0], initial="settled")
     tresca = resting().without(vx.CoulombFriction).without(vx.UnilateralContact)

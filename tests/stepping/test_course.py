@@ -1,4 +1,4 @@
-"""`vx.instants` finds the instants at which data reverse or bend; they do not depend on the mesh."""
+"""`vx.instants` finds the instants at which data turn or bend."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""On one-sided contact, friction with a given bound acts at closed nodes only or, with a warning, at all nodes."""
+"""Friction with a given bound on one-sided contact."""
 
 import warnings
 
@@ -10,7 +10,7 @@ import vemcvx as vx
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 2.0
 STEEP = 1e6
-"""Largest ratio of friction to pressure: below the pressure BOUND / STEEP, friction is less than its bound."""
+"""Largest ratio of friction to pressure."""
 
 
 def lifted(while_closed=None, lift=5.0):
@@ -45,7 +45,7 @@ def test_friction_at_open_nodes_causes_one_warning():
 
 @pytest.mark.long
 def test_friction_while_closed_needs_pressure():
-    """Open nodes have no friction, closed nodes obey Tresca's law, and the answer is certified."""
+    """Open nodes have no friction. Closed nodes obey Tresca's law."""
     history = run(True)
     contact = history.contact
     # Under small pressures, friction is proportional to the pressure.

@@ -1,4 +1,4 @@
-"""The energy ledger of backward Euler and the balance of forces, to round-off, on every family."""
+"""Energies and forces balance to rounding."""
 
 from functools import cache
 
@@ -33,7 +33,6 @@ def scene(moving):
 
 @cache
 def run(family, moving, condense):
-    """Simulate a scene once for several tests."""
     return vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton(), condense=condense)
 
 
@@ -47,7 +46,6 @@ def test_the_ledger_closes(family, moving, condense):
     energy, steps = (0.5 * np.einsum("ni,ni->n", v, (A @ v.T).T) for v in (u, np.diff(u, axis=0)))
     assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
-    # Each entry sums at most 16 differences of numbers of the size of the energies.
     size = np.abs(history.work).max() + history.energy.max()
     assert np.abs(remainder - np.append(0.0, np.cumsum(steps))).max() < 1e-12 * size
     assert steps.sum() > 1e-6 * size
@@ -58,14 +56,12 @@ def test_the_ledger_closes(family, moving, condense):
 @few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_reactions_and_friction_balance_the_loads(family, moving):
-    """The sum includes all supports, friction forces and contact pressures."""
     history = run(family, moving, True)
     posed, contact = pose_scene(history.scene, history.mesh), history.contact
     for row, t in enumerate(TIMES):
         load = posed.force(t).reshape(-1, 2)
         size = np.abs(load).sum() + np.abs(history.forces[row]).sum()
         assert np.abs(load.sum(axis=0) + history.forces[row].sum(axis=0)).max() <= 1e-11 * size
-    # At the moving corner, the side and the floor each count their own force.
     supported = history.reaction("right") + history.force("bottom")
     assert np.abs(supported - history.forces.sum(axis=1)).max() < 1e-11 * np.abs(history.forces).sum(axis=(1, 2)).max()
     if not moving:
@@ -102,7 +98,7 @@ FLOORS = {
 @few_families
 @mostly_long("floor", FLOORS, "rigid", "soft", "with Coulomb's friction")
 def test_the_ledger_closes_while_obstacles_move(family, floor):
-    """For energy E, pressure p, z = u . n - gap, compliance c: work - dE - loss = a(du, du)/2 + p . dz - c d(p^2)/2."""
+    """work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2), as in :mod:`vemcvx.stepping.state`."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
     posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
@@ -114,13 +110,12 @@ def test_the_ledger_closes_while_obstacles_move(family, floor):
     rest = np.append(0.0, np.cumsum(rest)) - spring
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
     size = np.abs(history.work).max() + history.energy.max()
-    # Exact answers satisfy the identity. Inexact answers have residual forces, which do work. The norm of these forces
-    # is at most the certified error.
+    # Residual forces of inexact answers do work. The certified error bounds the work.
     slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
     assert slack <= 1e-7 * size
     assert np.abs(remainder - rest).max() < 1e-12 * size + slack
     assert (np.diff(rest) >= -1e-14 * size).all()
-    # The floor pushes, leaves and pushes again, and does work.
+    # The floor pushes, leaves and pushes again.
     pushed = (p > 0).any(axis=1)
     assert len(np.flatnonzero(np.diff(pushed))) >= 3
     assert np.abs(np.einsum("nj,nj->n", p[1:], np.diff(gaps, axis=0))).max() > 1e-2 * size
@@ -130,7 +125,7 @@ def test_the_ledger_closes_while_obstacles_move(family, floor):
 @pytest.mark.parametrize("stiffness", [None, 500.0])
 @mostly_long("damped", [False, True])
 def test_a_rising_floor_does_the_work_of_its_pressure(family, stiffness, damped):
-    """Only the floor moves, so work is pressure times displacement in uniaxial strain."""
+    """Only the floor moves. The strain is uniaxial."""
     H, L, way = 0.5, 2.0, 0.05
     mesh = small(family, 4, box=((0, L), (0, H)))
 
@@ -140,7 +135,7 @@ def test_a_rising_floor_does_the_work_of_its_pressure(family, stiffness, damped)
     touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
     young, poisson, tau = 10.0, 0.25, 0.1 * damped
     mu = young / (2 * (1 + poisson))
-    modulus, lam = 3 * mu, mu  # at this Poisson ratio
+    modulus, lam = 3 * mu, mu  # for poisson = 0.25
     scene = vx.Scene(
         vx.Elasticity(young, poisson),
         vx.PrescribedDisplacement(lambda x, t: [0.0, -way], on="top"),
@@ -154,7 +149,6 @@ def test_a_rising_floor_does_the_work_of_its_pressure(family, stiffness, damped)
     give, strain = 0.0 if stiffness is None else 1.0 / (stiffness * H), np.zeros(9)
     rate = tau * 8
     for n in range(1, 9):
-        # The pressure is modulus (strain + rate (strain - before)); the floor yields by `give` times the pressure.
         strain[n] = (way * times[n] / H + give * modulus * rate * strain[n - 1]) / (1 + give * modulus * (1 + rate))
     pressure = modulus * (strain + rate * np.diff(strain, prepend=0.0))
     work = np.append(0.0, np.cumsum(pressure[1:] * L * way / 8))

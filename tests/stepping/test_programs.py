@@ -61,7 +61,7 @@ SCENES = {
 
 
 def check_answer(program, history, n):
-    """Check that the run's answer solves the program as accurately as certified; return the certificate."""
+    """Check the run's answer to a program, and return the certificate."""
     trajectory, (lam, p) = history.trajectory, (program.answer.lam, program.answer.p)
     stored = np.abs(trajectory.state[-1]).max() + np.abs(program.answer.d).max(initial=0.0)
     B, D = (abs(rows).sum(axis=1) for rows in (program.operators.B, program.operators.D))
@@ -82,7 +82,7 @@ def check_answer(program, history, n):
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_answer_of_a_run_solves_its_programs(name, condense):
-    """Programs from stored states equal programs that are yielded step by step, condensed or of full size."""
+    """Programs from stored states equal programs from steps."""
     scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.squares(4)
     history = vx.simulate(scene, mesh, TIMES)
     scale = history.trajectory.norm.max()

@@ -1,4 +1,4 @@
-"""Runs that begin from the projection P^h u_0: consistent with condition (2.1) of the paper, with errors O(h + k)."""
+"""Runs that begin from the projection P^h u_0 of the paper."""
 
 import logging
 
@@ -33,7 +33,7 @@ def test_linear_displacements_are_kept(family):
 
 @pytest.mark.parametrize("effect", [vx.Viscosity(shear=1.0), vx.TrescaFriction(1e-3, on="bottom")])
 def test_the_initial_state_is_the_elastic_projection(effect):
-    """a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v), with the mean strains eps_K of u_0; springs change nothing."""
+    """a^h(P^h u_0, v) = sum_K |K| C eps_K : eps(Pi v) with moduli C and the mean strains eps_K of u_0 in cells K."""
     mesh = small("voronoi", 4)
 
     def u_0(x, t):
@@ -53,7 +53,7 @@ def test_the_initial_state_is_the_elastic_projection(effect):
 
 
 def test_the_first_step_settles_a_projection_that_did_not_settle(tmp_path, monkeypatch):
-    """From P^h u_0, step 1 leads to the settled state, also if a run is resumed before step 1."""
+    """Step 1 leads from P^h u_0 to the settled state."""
     mesh, times, still = moving.mesh(4, "voronoi"), [0.0, 1e-9], vx.projected(moving.displacement, settle=False)
     settled = vx.simulate(moving.scene(), mesh, times[:1], initial=moving.initial)
     whole = vx.simulate(moving.scene(), mesh, times, initial=still)
@@ -87,7 +87,7 @@ def test_errors_from_the_projection_are_of_order_one(family):
 @mostly_long("mesh", [vx.meshes.squares(3), vx.meshes.cubes(2)], "squares", ids=["squares", "cubes"])
 @pytest.mark.parametrize("pressed", [-1.0, 1.0])
 def test_a_body_without_loads_comes_to_rest(mesh, pressed, caplog):
-    """The initial state is lifted off an obstacle, or pressed into it; a warning names condition (2.1)."""
+    """The initial state is lifted off an obstacle, or pressed into the obstacle."""
     scene = vx.Scene(vx.Elasticity(10.0, 0.3), vx.Clamp(on="top"), vx.UnilateralContact(on="bottom"))
 
     with caplog.at_level(logging.WARNING, logger="vemcvx"):

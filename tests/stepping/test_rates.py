@@ -1,4 +1,4 @@
-"""Laws of slip rates, and contact in velocities: closed forms of one unknown, programs of cvxpy, and random laws."""
+"""Laws of slip rates, and contact in velocities."""
 
 import warnings
 
@@ -8,7 +8,7 @@ import pytest
 
 import vemcvx as vx
 
-K, G, C, F = 2.0, 0.5, 3.0, 4.0  # stiffness K, friction G at rest, friction or pressure C * speed, force F
+K, G, C, F = 2.0, 0.5, 3.0, 4.0  # stiffness, friction at rest, dashpot, force
 
 
 def pulled(t):
@@ -16,14 +16,14 @@ def pulled(t):
 
 
 def slide(steps, solver=None):
-    """Return the run of a slider on a spring: friction at the speed v is G + C v, and the force F begins at t = 0."""
+    """Return the run of a slider on a spring, with the friction G + C v at the speed v."""
     law = vx.Law(lambda t, p, past, rate: G + C * rate, softening=0.0, rates=True)
     system = vx.System(K=[[K]], load=pulled, norms=vx.Norms(B=[[1.0]], w=0.0, law=law))
     return vx.march(system, np.linspace(0.0, 2.0, steps + 1), solver=solver)
 
 
 def sink(steps):
-    """Return the run of an unknown on a spring and a dashpot, K y + C y' = F."""
+    """Return the run of a spring and a dashpot, K y + C y' = F."""
     limits = vx.Limits(D=[[1.0]], e=0.0, compliance=1.0 / C, rates=True)
     return vx.march(vx.System(K=[[K]], load=pulled, limits=limits), np.linspace(0.0, 2.0, steps + 1))
 
@@ -35,7 +35,6 @@ def test_an_unknown_relaxes_like_an_exponential_with_errors_of_order_one(run, fo
         found = run(steps)
         errors.append(np.abs(found.state[:, 0] - force / K * (1.0 - np.exp(-K * found.times / C))).max())
         assert found.certificate_kind == "bound"
-        # The work of the force is the energy of the spring and the energy that friction or the dashpot dissipates.
         assert found.work_second_order[-1] == pytest.approx(found.energy[-1] + found.dissipated_second_order[-1])
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.05)
 
@@ -63,7 +62,7 @@ KINDS = {  # name: (law at speed v, potential for cvxpy at slip r in a step of l
 
 
 def random_run(seed):
-    """Return a system (random monotone law, dashpots, limits), its march, and potential and parameters of the law."""
+    """Return a system with a random monotone law, the run, and the law's potential and parameters."""
     rng = np.random.default_rng(seed)
     block, m, r = int(rng.integers(1, 3)), int(rng.integers(1, 6)), int(rng.integers(0, 3))
     n = m * block + int(rng.integers(0, 4))
@@ -86,7 +85,7 @@ def random_run(seed):
 
 
 def objective(system, before, t, k, potential, parts):
-    """Return the unknowns, the objective and the constraints of a step, written in cvxpy."""
+    """Return the unknowns, the objective and the constraints of a step in cvxpy."""
     y, block, limits = cp.Variable(len(before)), system.norms.block, system.limits
     d, B = y - before, system.B.toarray()
     total = 0.5 * cp.quad_form(y, cp.psd_wrap(system.K.toarray())) - system.load(t) @ y
@@ -101,22 +100,22 @@ def objective(system, before, t, k, potential, parts):
 
 
 def judge(seed):
-    """Assert that a run with a random law is certified; return True if cvxpy also minimised its first step."""
+    """Check a run with a random law. Return True if cvxpy solved the first step."""
     system, run, potential, parts = random_run(seed)
     assert run.certificate_kind == "bound"
-    assert (run.certified <= 1e-8 + 2.0 * run.certificate_floor).all()  # the accuracy, or rounding
+    assert (run.certified <= 1e-8 + 2.0 * run.certificate_floor).all()
     if potential is None:
         return False
     t, before = run.times, run.state
     y, total, rules = objective(system, before[0], t[1], t[1] - t[0], potential, parts)
     problem = cp.Problem(cp.Minimize(total), rules)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Clarabel may not reach its accuracy; its point is then not compared.
+        warnings.simplefilter("ignore")  # Clarabel may miss its accuracy.
         best = problem.solve(solver="CLARABEL")
     if problem.status != "optimal":
         return False
     y.value = before[1]
-    # Clarabel's points violate rigid limits slightly, which lowers the objective by up to 1e-7 of its value.
+    # Clarabel violates rigid limits slightly, which lowers the objective by up to 1e-7.
     assert total.value - best <= 1e-9 * (before[1] @ system.K @ before[1]) + 1e-7 * abs(best)
     return True
 
@@ -159,7 +158,7 @@ def test_a_law_that_falls_with_speed_gets_a_warning_and_a_certificate_for_the_gi
 
 
 def block(*effects, **settings):
-    """Return the run of a block of height 1 and length 2 without Poisson's effect, to t = 1, in steps of .05."""
+    """Return the run of a block of height 1 and length 2."""
     scene = vx.Scene(vx.Elasticity(young=100.0, poisson=0.0), *effects)
     mesh = vx.meshes.squares((4, 2), box=((0.0, 2.0), (0.0, 1.0)))
     return vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 21), **settings)
@@ -172,7 +171,7 @@ def test_a_pressed_block_creeps_into_its_dashpots():
             vx.VelocityContact(on="bottom", damping=5.0),
             vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(1.0, 0.0)),
         )
-    # Every layer bears the pressure from the first step on: the bottom sinks at the speed 3 / 5.
+    # The bottom sinks at the speed 3 / 5.
     assert run.displacement[-1, :, 1] == pytest.approx(-0.6 - 0.03 * run.mesh.points[:, 1], rel=1e-9)
     assert run.contact.pressure[-1] == pytest.approx(3.0)
     assert run.dissipated[-1] == pytest.approx(5.0 * 0.6**2 * 2.0)
@@ -184,7 +183,7 @@ def test_the_friction_of_a_belt_is_the_bound_at_its_speed():
         vx.BilateralContact(on="bottom"),
         vx.SpeedFriction(lambda speed: 0.2 + 0.5 * speed, on="bottom", ground=lambda x, t: (2.0 * t, 0.0)),
     )
-    # In the steady state the block rests, and the belt slips at its speed 2: friction is 1.2 per unit of length.
+    # In the steady state, the slip rate is 2.
     assert run.force("bottom")[-1, 0] == pytest.approx(2.0 * 1.2, rel=1e-6)
     assert run.certificate_kind == "bound"
 

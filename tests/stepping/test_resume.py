@@ -81,7 +81,7 @@ def test_a_full_disk_raises_an_error_before_the_first_step(tmp_path, monkeypatch
 
 @pytest.mark.long
 def test_a_killed_run_can_be_resumed(tmp_path):
-    """After kill -9, stored steps are readable and the run continues after them."""
+    """After kill -9, stored steps are readable, and the run continues."""
     code = (
         "import sys, time; sys.path.insert(0, sys.argv[1]); import numpy as np, vemcvx as vx\n"
         "from scenes import cyclic, paper_scene, small\n"

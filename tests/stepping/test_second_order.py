@@ -1,4 +1,4 @@
-"""Friction work and work, computed to second order; the ledger of backward Euler is of first order."""
+"""Work and friction work of second order in the step length."""
 
 import numpy as np
 import pytest

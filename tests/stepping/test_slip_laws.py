@@ -1,4 +1,4 @@
-"""Laws of friction whose weights depend on the slip of the step or of earlier steps, and perhaps on contact forces."""
+"""Laws of friction that depend on slip."""
 
 import cvxpy as cp
 import numpy as np
@@ -29,7 +29,7 @@ def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCH
 
 @pytest.mark.long
 def test_coulombs_coefficient_may_fall_with_slip():
-    """A block is pressed by p and sheared: friction is mu(A) p at every instant and node; A is the accumulated slip."""
+    """A block is pressed by p and sheared. Friction is mu(A) p after the accumulated slip A."""
     young, height, p, k = 26.0, 0.5, 2.0, 5.0
     times, stiff = np.linspace(0.0, 1.0, 11), young / 2 / height
     q, a = np.zeros(len(times)), np.zeros(len(times))
@@ -100,7 +100,7 @@ def test_wrong_laws_are_refused(name):
 
 @pytest.mark.long
 def test_friction_in_space_falls_with_the_length_of_the_path():
-    """A block is sheared along a circle: friction falls with the length of the path, equally at all nodes."""
+    """A block is sheared along a circle. Friction falls with the length of the path."""
 
     def around(x, t):
         return np.tile([0.08 * np.cos(3 * t) - 0.08, 0.08 * np.sin(3 * t), 0.0], (len(x), 1))
@@ -129,7 +129,7 @@ def test_friction_in_space_falls_with_the_length_of_the_path():
 
 
 def test_friction_acts_along_any_given_direction():
-    """A block is pulled along e = (3, 4) / 5, off the floor. Friction along e reaches its bound: lam = g e or -g e."""
+    """A block is pulled along e = (3, 4) / 5. Friction along e reaches the bound."""
 
     bound, held = 1.0, vx.PrescribedDisplacement(lambda x, t: [0.3 * t, 0.4 * t], on="top")
     along_e = lambda normals: np.tile([0.6, 0.8], (len(normals), 1))  # noqa: E731
@@ -137,7 +137,7 @@ def test_friction_acts_along_any_given_direction():
     history = vx.simulate(vx.Scene(STEEL, held, friction), vx.meshes.squares(3), [0.0, 0.5, 1.0])
     contact = history.contact
     assert not contact.sticking[1:].any()
-    # The normal part of friction counts as pressure, positive in compression; e . n = -.8 on the floor.
+    # The normal part of friction counts as pressure. The floor has e . n = -.8.
     assert contact.traction[-1] == pytest.approx(np.tile([-0.6 * bound, 0.0], (4, 1)), abs=1e-9)
     assert contact.pressure[-1] == pytest.approx(-0.8 * bound, abs=1e-9)
     assert contact.bound[1:] == pytest.approx(bound, abs=1e-12)
@@ -153,11 +153,11 @@ def test_error_budgets_refuse_laws_of_slip():
         vx.error_budget(simulate(Law(weakening, 30.0)))
 
 
-# Independently, cvxpy minimises the energy of a step for given weights, and the weights are updated until they settle.
+# In a fixed-point iteration, cvxpy solves the step, and the law updates the weights.
 
 
 def random_system(rng, n=6, healing=False):
-    """Return a small body and its law: weights fall with slip to a constant and, if `healing`, grow in time."""
+    """Return a small body and a law with weights that fall with slip."""
     m = n - 1
     root = rng.normal(size=(n, n))
     K = root @ root.T / n + 0.5 * np.eye(n)
@@ -179,7 +179,7 @@ def random_system(rng, n=6, healing=False):
 
 
 def march_by_cvxpy(system, law, times):
-    """Return states from fixed-point iterations with cvxpy, and the largest change in the last iteration of a step."""
+    """Return states from fixed-point iterations, and the largest change in a last iteration."""
     B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
     K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
     d, states = cp.Variable(system.n), [np.zeros(system.n)]
@@ -201,7 +201,7 @@ def march_by_cvxpy(system, law, times):
 
 @mostly_slow("seed", range(40))
 def test_random_laws_against_an_independent_fixed_point(seed):
-    """States differ by at most the errors of both methods; later steps enlarge an error by a factor of at most 20."""
+    """States differ by at most 20 times the errors of both methods."""
     rng = np.random.default_rng(seed)
     system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
     times = np.linspace(0.0, 1.5, 5)

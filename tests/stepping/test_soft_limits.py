@@ -1,4 +1,4 @@
-"""Soft contact beside weak springs: K is nearly singular, and certificates stay true."""
+"""Soft contact beside weak springs: the stiffness matrix is nearly singular."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,6 @@ def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
     spring = -k * float(share @ history.displacement[1, left, 1]) / (len(left) - 1)
     carried = float(history.contact.pressure[1] @ history.contact.lengths) + spring
     load = 1.0 * 2 * 1.3
-    # Pressures, forces and displacements each have relative rounding errors.
     assert abs(carried - load) <= 64 * EPS * load
 
 

@@ -1,4 +1,4 @@
-"""Stages: a run continues where another one ended, perhaps with another scene on the same mesh."""
+"""Stages: a run continues at the end of another run."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_wrong_continuations_are_refused():
 
 @pytest.mark.filterwarnings("ignore:supports")
 def test_joined_stages_follow_the_closed_form(tmp_path):
-    """A block is pressed, then sheared: fields, energies, forces and tables of the joined history are exact."""
+    """A block is pressed, then sheared."""
     mesh, ((press, before), (shear, after)) = pressed.mesh(2), pressed.stages()
     first = vx.simulate(press, mesh, before)
     second = vx.simulate(shear, mesh, after, initial=first)

@@ -69,7 +69,7 @@ def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(famil
     """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, with equality in slip.
 
     Let k be the length of a step, and r = tau / k. The top moves by U_n, the base by a_n: u = (a_n + gamma y, 0) and
-    gamma = (U_n - a_n) / H. While the block sticks, a_n is constant; while it slips,
+    gamma = (U_n - a_n) / H. While the block sticks, a_n is constant. While the block slips,
     mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)
@@ -115,7 +115,6 @@ def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(famil
 @few_families
 @mostly_long("store", ["all", 3], 1)
 def test_reactions_include_the_forces_of_dashpots(family, store):
-    """Supports and floor balance the load after the start if their forces include the forces of dashpots."""
     scene = vx.Scene(
         *solid(),
         vx.PrescribedDisplacement(0.0, on="left", direction="normal"),

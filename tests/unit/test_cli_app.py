@@ -23,7 +23,7 @@ import vemcvx as vx
 from vemcvx.cli import live_page
 from vemcvx.cli.problem_file import read_problem
 
-pytestmark = needs("marimo")  # Importing marimo takes half a second, and most default tests do not need it.
+pytestmark = needs("marimo")
 FigureCanvasAgg = pytest.importorskip(
     "matplotlib.backends.backend_agg", reason="the live page needs matplotlib"
 ).FigureCanvasAgg
@@ -45,7 +45,7 @@ UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}
 
 @pytest.fixture(scope="module")
 def ran():
-    """Return the results of a run of the app with the initial values of its controls."""
+    """Return the results of the app with the initial values of all controls."""
     return live_page._run()
 
 
@@ -73,7 +73,7 @@ def test_the_page_begins_with_a_load_cycle_on_the_papers_block(ran):
 
 
 def find_opened_steps(text):
-    """Return the steps that a page shows when it is opened; check that its slider and labels agree."""
+    """Return the steps that an opened page shows, and check the labels."""
     steps = re.findall(r'<section aria-label="([^"]*)"( hidden)?>', text)
     found = [words for words, hidden in steps if not hidden]
     at = int(re.search(r'<input type="range" max="\d+" value="(\d+)"', text).group(1))
@@ -105,9 +105,9 @@ def test_an_exported_page_is_one_file_and_opens_at_the_given_step(tmp_path, monk
     ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
 )
 def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
-    """Pictures of stick and slip need friction; the picture of hysteresis needs a course of the load."""
+    """Pictures of stick and slip need friction. The picture of hysteresis needs a course of the load."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
-    monkeypatch.setenv(live_page.GIVEN, "")  # so that the value which the command sets is removed at the end
+    monkeypatch.setenv(live_page.GIVEN, "")  # restored at the end
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=kinds))
     assert call("app", "own.py", "--html", "page.html") == (0, "page.html shows 2 of 30 steps.\n")
@@ -123,7 +123,7 @@ def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_complete(ran):
-    """Letters have at least 12 px in pictures that are 346 px wide, as in a window of 420 px."""
+    """Letters have at least 12 px in pictures that are 346 px wide."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)
@@ -158,7 +158,7 @@ def test_a_failing_cell_and_a_server_that_stops_are_errors(tmp_path, monkeypatch
 
 @pytest.fixture
 def address(tmp_path):
-    """Yield the address of the page on a server in its own process; stop the server by the signal of Ctrl-C."""
+    """Yield the address of a page on a server in a new process."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]
@@ -198,14 +198,14 @@ def test_sliders_change_numbers_and_picture_in_a_browser(ran, address, tmp_path)
     from selenium.webdriver.support.wait import WebDriverWait
 
     def shown(after):
-        """Return the picture and the numbers of the page as soon as both differ from those in `after`."""
+        """Return the picture and the numbers of the page as soon as both differ from `after`."""
         waiting = WebDriverWait(browser, 120, poll_frequency=0.2)
         picture = waiting.until(lambda b: (now := b.execute_script(PICTURE)) != after[0] and now)
         numbers = waiting.until(lambda b: (now := b.execute_script(NUMBERS)) != after[1] and len(now) == 5 and now)
         return picture, numbers
 
     def expected(history, step):
-        """Return the first two numbers of a step; the other numbers differ from process to process."""
+        """Return the first two numbers of a step."""
         return [" ".join(number) for number in app.numbers_of(history, step)][:2]
 
     app, found = ran

@@ -66,12 +66,12 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Return the sum of the weights of each number n < `count`."""
+    """Return the sums (count,) of weights with equal numbers."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Return the sum of the columns of `values` (S, k, ...) for each number n < `count`."""
+    """Return the sums (S, count, ...) of columns with equal numbers."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total
@@ -117,7 +117,7 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return a function with negligible values set to zero: their energies would underflow."""
+    """Return `value` with negligible results set to zero."""
 
     @cache
     def largest() -> float:
@@ -155,7 +155,7 @@ def shape_in_words(array: Floats) -> str:
 
 
 class ArrayField(NamedTuple):
-    """The names of the axes of an array, its kind (a letter of NumPy), and its unit."""
+    """The axes of an array by name, the kind (a letter of NumPy), and the unit."""
 
     sizes: tuple[str, ...]
     kind: str
@@ -177,7 +177,7 @@ def array_fields(record: type) -> dict[str, ArrayField]:
 
 
 def flag(raw: Any, name: str) -> bool:
-    """Return `raw` as a bool, or raise SceneError, for example for the string "False"."""
+    """Return `raw` as a bool, or raise SceneError."""
     if not isinstance(raw, (bool, np.bool_)):
         raise SceneError(f"{name}: found {brief(raw)}; wanted True or False.")
     return bool(raw)

@@ -124,14 +124,14 @@ def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
 
 
 def distinct(colours: Sequence[str]) -> ListedColormap:
-    """Return a colour map that consists of these colours."""
+    """Return a colour map of distinct colours."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(list(colours))
 
 
 def blend_colours(colours: Sequence[str]) -> LinearSegmentedColormap:
-    """Return a colour map that interpolates between these colours."""
+    """Return a colour map that interpolates between colours."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("blended", list(colours))

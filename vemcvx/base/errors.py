@@ -9,7 +9,7 @@ from warnings import WarningMessage, catch_warnings, simplefilter
 
 @contextmanager
 def quietly() -> Iterator[list[WarningMessage]]:
-    """Suppress warnings inside the block and yield the list of those caught."""
+    """Suppress warnings inside the block and yield the list of these warnings."""
     with catch_warnings(record=True) as warned:
         simplefilter("always")
         yield warned

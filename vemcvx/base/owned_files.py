@@ -50,7 +50,7 @@ class Owned:
         self.close()
 
     def take(self, name: str) -> Path:
-        """List a file and return its path; raise HistoryError for a foreign file."""
+        """Add a file to the list and return its path, or raise HistoryError."""
         path = self.path / name
         if os.path.lexists(path) and not (name in self.names and _is_file(path)):
             raise self._foreign(name)
@@ -64,7 +64,7 @@ class Owned:
         return path
 
     def write(self, name: str, content: str | bytes) -> str:
-        """Write a file, list it, and return its name."""
+        """Write a file and return its name."""
         path = self.take(name)
         try:
             path.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -1,3 +1,3 @@
-"""The version of the package, which is written into all its files."""
+"""The version of the package."""
 
 __version__ = "0.1.0"

@@ -21,7 +21,7 @@ log = logging.getLogger("vemcvx")
 
 
 def choose_linear(unknowns: int, given: LinearSolver | None = None, *, modes: int = 3) -> LinearSolver:
-    """Return `given`, or else a direct solver, or with PyAMG Iterative for large systems."""
+    """Return `given`, or the default linear solver."""
     if given is not None:
         return given
     direct = direct_solver(unknowns)

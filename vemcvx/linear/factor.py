@@ -72,8 +72,8 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """The settings of a linear solver.
 
-    A run factorises K once; with viscosity, once for every length of step. If `eliminates` is True, the run calls
-    `eliminate` and condenses programs to the unknowns of contact and friction. Otherwise the run calls `factorise`.
+    A run factorises K once. With viscosity, a run factorises once for every step length. If `eliminates` is True, the
+    run calls `eliminate` and condenses programs to the unknowns of contact and friction, else `factorise`.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class PardisoFactor(Factor):
             raise singular_matrix_error()
         self.unit = float(power_of_two(diagonal.max(initial=0.0)))
         self._pardiso = _create_solver(K, last, self.unit)
-        # The array `own` gets S first, with unknowns in ascending order.
+        # The array `own` begins with S, and S has the unknowns in ascending order.
         own = np.zeros((n, max(1, -(-m * m // max(n, 1)))), order="F")
         try:
             if n > 0:

@@ -33,12 +33,12 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "-1",  # keep weak couplings, because dropping them fills coarse matrices
+    "pc_gamg_threshold": "-1",  # without weak couplings, coarse matrices would fill
     "mg_coarse_pc_type": "redundant",  # with one block per rank, eigenvalues of M K may exceed 1
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }
 SMALL = 1_000
-"""Number of unknowns below which GAMG may have a single level, and SuperLU checks K."""
+"""Number of unknowns below which GAMG may have a single level."""
 CALL, BLOCK = 1, 2
 """Tags of MPI messages: a method call, and a block of rows."""
 log = logging.getLogger("vemcvx")
@@ -48,9 +48,9 @@ log = logging.getLogger("vemcvx")
 class PETSc(Iterative):
     """PETSc (extra ``petsc``): conjugate gradients with multigrid, distributed over the ranks of MPI.
 
-    One rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes the hierarchy and the
-    solves over eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead of
-    simulating. Rank 0 also holds the whole stiffness matrix. For parameters and certificates, see ``Iterative``.
+    A run on one rank needs no mpiexec. ``mpiexec -n 8 vemcvx run FILE --linear petsc`` distributes the hierarchy and
+    the solves over eight ranks. In scripts under mpiexec, ranks above 0 call :func:`vemcvx.linear.petsc.serve` instead
+    of simulating. Rank 0 holds the whole stiffness matrix. For parameters and certificates, see ``Iterative``.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class PETSc(Iterative):
         if ranks.comm.rank > 0:
             raise NotAccepted("PETSc: ranks above 0 do not simulate; they call vemcvx.linear.petsc.serve() instead.")
         K = sp.csr_matrix(K)
-        if K.shape[0] < SMALL:  # With a single level, GAMG would not notice a singular K.
+        if K.shape[0] < SMALL:  # With a single level, GAMG would not detect a singular K.
             SuperLU().factorise(K)
         return PETScFactor(self, K, near_kernel, ranks)
 

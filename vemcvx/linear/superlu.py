@@ -15,7 +15,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots. Without Pardiso, this is the default in the plane up to two million unknowns.
+    """Sparse LU with diagonal pivots: without Pardiso, the default in the plane up to two million unknowns.
 
     Attributes
     ----------

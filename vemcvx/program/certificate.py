@@ -1,7 +1,8 @@
 r"""The certificate: a bound on the distance of any answer from the solution (proofs: docs/theory/certificate.md).
 
-Let $d^*$ be the solution of a step's program (``StepProgram``). Take any $d$ that obeys the bounds, and any
-$|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$, $z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
+Let $d^*$ be the solution of a step's program with the data $K, g, w, B, b, D, e, c$ (``StepProgram``). Take any $d$
+that obeys the bounds $D_j d \le e_j$ for $c_j = 0$, and any $|\lambda_i| \le w_i$ and $p \ge 0$. With $s = B d - b$,
+$z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
 
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 + \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) . $$
@@ -9,15 +10,15 @@ $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|e|_K^2 = e' K e$. If $K$ has a kernel $N$, this is a
 seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
-Theorem 2: for any move $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ at $d - v$. If $d - v$ obeys the
-bounds, $|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. We choose a move that removes slips and excesses $z$
-close to zero (``StepProgram.zero_levels``), and take the smaller of the two bounds.
+Theorem 2: for any vector $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ at $d - v$. If $d - v$ obeys the
+bounds, $|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. We choose $v$ such that tiny slips and tiny $z$ vanish
+at $d - v$ (``StepProgram.zero_levels``), and take the smaller of the two bounds.
 
 Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
 Then $|d - d^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}$, which is `error + error_floor`.
 
-Signs: friction acts on the body with the forces $-B' \lambda$, limits with $-D' p$.
+Friction acts on the body with the forces $-B' \lambda$. Limits act on the body with the forces $-D' p$.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from vemcvx.base.arrays import EPS, Floats, directions, lengths
 from vemcvx.base.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""The difference w - |lam| counts as zero if it is at most this fraction of w."""
+"""Largest w - |lam| that counts as zero, relative to w."""
 
 ROUNDED = 8 * EPS
 """Rounding error of a sum of sixteen numbers, relative to the sum of absolute values."""
@@ -46,13 +47,13 @@ class Certificate(ArrayRecord):
     equilibrium : float
         1/2 r'K^{-1}r.
     friction : (m,) array
-        w_i |s_i| - lam_i . s_i of each norm term: large where the answer is not converged.
+        w_i |s_i| - lam_i . s_i of each norm term.
     floor : float
         Energy by which rounding may change the gap.
     limits : (r,) array
         The term of each limit in the gap.
     moved : float
-        2 |v|_K of the move v of theorem 2; `friction` and `limits` are evaluated after the move.
+        2 |v|_K for theorem 2. `friction` and `limits` are then values at d - v.
     given_friction : bool
         True if weights depend on pressures or fall with slip. The bound then holds for the weights at this answer.
 
@@ -77,7 +78,7 @@ class Certificate(ArrayRecord):
 
     @cached_property
     def gap(self) -> float:
-        """The bound of theorem 1 or 2 on 1/2 |d - d*|_K^2; infinite if it is not a number."""
+        """The bound of theorem 1 or 2 on 1/2 |d - d*|_K^2."""
         gap = self.equilibrium + self.terms
         if not gap >= 0:
             return np.inf
@@ -107,7 +108,6 @@ class Certificate(ArrayRecord):
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     """Return w_i |s_i| - lam_i . s_i for |lam_i| <= w_i, computed without cancellation."""
     size, slip = lengths(lam), lengths(s)
-    # Where lam or s is zero, `apart` has no effect.
     apart = directions(lam, size) - directions(s, slip)
     short = np.where((size >= (1.0 - BOUND_ROUNDING) * w) | (slip == 0.0), 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)

@@ -1,20 +1,19 @@
-"""Static condensation: a system reduced, once for all steps, to the unknowns of norm terms and limits.
+"""Static condensation of a system to the unknowns of norm terms and limits.
 
-Norm terms and limits act on the retained unknowns c. All other unknowns i are interior. The Schur complement is
-S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in a factorisation K = L U, then S = L_cc U_cc.
+Norm terms and limits act on the retained unknowns c. All other unknowns i are interior. The stiffness matrix K has the
+Schur complement S = K_cc - K_ci K_ii^{-1} K_ic.
 
 A force phi is *reduced* to two vectors. xi is the response of the interior if the retained unknowns are zero, and tau
 is a force on the retained unknowns:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-Let a force f be reduced to xi_f and tau_f. A state y under f, with the retained displacements y_c, obeys
+Let xi_f and tau_f be the vectors of a force f. A state y under f, with the retained unknowns y_c, obeys
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
-    y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c,
+    y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau'y_c.
 
-where phi'y is the work of a force phi. If K has a kernel, we add the diagonal stiffness E of anchors (:mod:`.kernel`)
-to K. The Schur complement is then S + E.
+If K has a kernel, we add the diagonal stiffness E of anchors (:mod:`.kernel`) to K. The Schur complement is then S + E.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
-"""Largest number of stored forces, called shapes. A combination of shapes needs no solve."""
+"""Largest number of stored forces (shapes) of one kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class Reduced:
             return float(np.sqrt(abs(self.work_inside(self) + float(self.retained @ self.released))))
 
     def work_inside(self, other: Reduced) -> float:
-        """Return phi'xi, the work of this force on the xi of another force."""
+        """Return phi'xi with the xi of another force."""
         return float(self.phi @ other.xi)
 
     def plus(self, other: Reduced, share: float = 1.0) -> Reduced:
@@ -123,14 +122,14 @@ class Condensation:
         )
 
     def reduce(self, phi: Floats, kind: str = "") -> Reduced:
-        """Return a reduced force, without a solve if shapes of this kind suffice."""
+        """Return the reduced force phi."""
         unit = float(power_of_two(float(np.abs(phi).max(initial=0.0))))
         rest = load = phi / unit
         n, m = len(phi), len(self.retained)
         none = total = Reduced(np.zeros(n), np.zeros(n), np.zeros(m), np.zeros(m))
         basis = self._bases.setdefault(kind, [])
         for shape in basis:
-            share = float(shape.phi @ rest) / float(shape.phi @ shape.phi)  # Exactly 1 if the load is the shape itself.
+            share = float(shape.phi @ rest) / float(shape.phi @ shape.phi)
             rest, total = rest - share * shape.phi, total.plus(shape, unit * share)
         if np.linalg.norm(rest) <= ROUNDED * np.linalg.norm(load):
             return total
@@ -145,7 +144,7 @@ class Condensation:
         return Reduced(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return tau, corrected to do the same work as phi on motions in K's kernel."""
+        """Return the force tau (m,), balanced with phi on the kernel of K."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau
@@ -173,7 +172,7 @@ class Condensation:
         return self.complete(force.xi, force.released)
 
     def complete(self, xi: Floats, y_c: Floats) -> Floats:
-        """Return the state xi + K^{-1} (0, S y_c), with exactly y_c as retained unknowns."""
+        """Return the state xi + K^{-1} (0, S y_c) (n,)."""
         pushed, y = np.zeros_like(xi), xi.copy()
         if y_c.any() and len(y_c) < len(xi):
             pushed[self.retained] = self._S @ y_c

@@ -2,12 +2,12 @@
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |s_i| <= t_i,   D d - v <= e
 
-The slips are s_i = B_i d - b_i. The unknowns are the increment d, bounds t_i on |s_i|, and excesses v_j of soft limits
-(v_j = 0 for other limits). C is the diagonal matrix of compliances. Limits have the multiplier p, the dual of
-D d - v <= e. Slips have the multiplier lam:
+The slips are s_i = B_i d - b_i. The unknowns are the increment d, bounds t_i on |s_i|, and excesses v_j of limits with
+c_j > 0. Other limits have v_j = 0. Let C = diag(c). Limits have the multiplier p, the dual of D d - v <= e. Slips have
+the multiplier lam:
 
 - If slips are vectors, |s_i| <= t_i is a second-order cone with the dual (w_i, -lam_i).
-- If slips are numbers, |s| <= t is written as s <= t and -s <= t; lam is the dual of s <= t minus the dual of -s <= t.
+- If slips are numbers, |s| <= t means s <= t and -s <= t. Then lam is the dual of s <= t minus the dual of -s <= t.
 - A term that always sticks has the further constraint s_i = 0.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CvxpyStep:
-    """The program of a step in cvxpy; the signs of multipliers are those of `vemcvx.program.StepProgram`.
+    """The program of a step in cvxpy, with the signs of `vemcvx.program.StepProgram`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class CvxpyStep:
 
 
 def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) -> CvxpyStep:
-    """Return a step in cvxpy, by default with parameters in place of `data` (g, w, b, e)."""
+    """Return a step in cvxpy, with parameters if `data` (g, w, b, e) is None."""
     import cvxpy as cp
 
     (n, m, _, r), block, c = operators.sizes, operators.block, operators.compliance

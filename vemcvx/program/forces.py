@@ -1,14 +1,15 @@
-"""A step in terms of contact forces: slips and gaps as functions of the forces.
+"""Slips and gaps of a step as functions of the contact forces.
 
-Increments d satisfy K d = g - A'x with the stiffness K, loads g, forces x = (lam, p) and rows A = [B; D]. The vector
-off = (s, z - c p) contains slips s = B d - b and gaps z - c p, with z = D d - e and compliances c. If x changes by dx,
+A step has the stiffness matrix K, the load g and the increment d. Norm terms have the rows B, the forces lam and the
+slips s = B d - b. Limits have the rows D, the forces p, the compliances c and the gaps z - c p, with z = D d - e. Let
+x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
 
     off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
-Rows are scaled by units u such that the diagonal of W + C is 1. Then tolerances do not depend on the system of units.
+We scale the rows by units u. The scaled matrix W + C has the diagonal 1.
 
-If K has a kernel with the basis N, anchors (:mod:`.condensation`) make K definite. Increments then have a further term
-N alpha. It changes `off` by R alpha with R = A N, where N is such that R'R = I. In equilibrium, N'g - R'x = 0.
+If K has a kernel, anchors (:mod:`.kernel`) make K definite. Let N be a basis of the kernel with R'R = I for R = A N.
+The increment then has a further part N alpha, which adds R alpha to `off`. In equilibrium, N'g = R'x.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from vemcvx.program.step_program import StepProgram
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The forces of all rows and the slips and gaps that they cause, in the units of a :class:`Delassus`."""
+    """Forces, slips and gaps of all rows, in the units of :class:`Delassus`."""
 
     x: Floats  # (N,) forces (lam, p)
-    off: Floats  # (N,) slips s of norm terms, then gaps (z - c p) of limits
+    off: Floats  # (N,) slips s, then gaps z - c p
     a: Floats  # (k,) kernel coordinates alpha
-    rest: Floats  # (k,) imbalance N'g - R'x of forces
-    start: Point | None = None  # changes add to this point: rounding does not accumulate
+    rest: Floats  # (k,) N'g - R'x
+    start: Point | None = None  # the point of `begin`
 
 
 class Delassus:
-    """The scaled Delassus operator `W` = u (A K^{-1}A' + C) u of all rows, an array or a LinearOperator.
+    """The scaled Delassus operator `W` = u (A K^{-1}A' + C) u.
 
-    Forces are divided by the units `u`, slips and gaps are multiplied by `u`. The rows of one norm term have the same
-    unit. `N` is a basis of K's kernel such that the columns of `R` = u A N are orthonormal.
+    Forces are divided by `u`. Slips and gaps are multiplied by `u`. `N` is a basis of the kernel of K. The columns of
+    `R` = u A N are orthonormal.
     """
 
     def __init__(self, operators: Operators):
@@ -56,19 +57,19 @@ class Delassus:
 
     @cached_property
     def norm(self) -> float:
-        """An estimate of the largest eigenvalue of `W`: 1.1 times the result of twenty power iterations."""
-        x = np.random.default_rng(0).standard_normal(len(self.u))  # Ones may be an eigenvector.
+        """The largest eigenvalue of `W`, estimated by power iterations."""
+        x = np.random.default_rng(0).standard_normal(len(self.u))
         for _ in range(20):
             x = product(self.W, x / max(float(np.linalg.norm(x)), 1e-300))
         return 1.1 * float(np.linalg.norm(x))
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return views of the entries of norm terms (m, block), and of the entries of limits (r,)."""
+        """Return the entries of norm terms (m, block) and limits (r,)."""
         rows = self.operators.B.shape[0]
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
     def begin(self, program: StepProgram, lam: Floats, p: Floats, d: Floats | None = None) -> Point:
-        """Return the point of the forces lam and p, with the kernel coordinates of d."""
+        """Return the point with the forces lam and p."""
         operators, x = self.operators, np.concatenate([lam.ravel(), p])
         push = program.g - operators.multiplier_force(lam, p)
         off = self.u * self.excess(program, operators.factor.solve(push), p)
@@ -76,7 +77,7 @@ class Delassus:
         return Point(x / self.u, off + self.R @ a, a, self.N.T @ push)
 
     def excess(self, program: StepProgram, d: Floats, p: Floats) -> Floats:
-        """Return the slips and gaps `off` of increments d under obstacle forces p."""
+        """Return the slips and gaps (N,) of increments d."""
         given = np.concatenate([program.b, program.e + self.operators.compliance * p])
         off: Floats = self.operators.A @ d - given
         return off
@@ -88,18 +89,18 @@ class Delassus:
         return Point(x, start.off - product(self.W, dx) + self.R @ (a - start.a), a, start.rest - self.R.T @ dx, start)
 
     def forces(self, point: Point) -> tuple[Floats, Floats]:
-        """Return the forces lam (m, block) and p (r,) of a point, in the units of the program."""
+        """Return the unscaled forces lam (m, block) and p (r,)."""
         return self.split(self.u * point.x)
 
     def increments(self, program: StepProgram, point: Point) -> Floats:
-        """Return the increments d (n,) under the forces of a point."""
+        """Return the unscaled increments d (n,)."""
         push = program.g - self.operators.multiplier_force(*self.forces(point))
         d: Floats = self.operators.factor.solve(push) + self.N @ point.a
         return d
 
 
 def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
-    """Return u A K^{-1} A' u + diag(yielding) as an array or, for large systems, as an operator."""
+    """Return u A K^{-1} A' u + diag(yielding) (N, N)."""
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None
     if not dense and len(read) ** 2 > CHUNK_SIZE:

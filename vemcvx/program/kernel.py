@@ -1,14 +1,14 @@
 r"""The kernel of a matrix K: motions without energy, which only norm terms and limits resist.
 
-An example is a body without supports, held by friction, or by its weight on an obstacle. Let N have k columns that span
-the kernel. In the notation of :mod:`vemcvx.program.step_program`, a step has a solution d* if every motion N c costs
-energy (left). The load on the kernel is then in balance with forces of norm terms and limits (right):
+An example is a body without supports on a rough obstacle. Let the k columns of N span the kernel. In the notation of
+:mod:`vemcvx.program.step_program`, a step has a solution d* if the inequality on the left holds. The equation on the
+right then has a solution (lam, p):
 
 $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D N c \le 0, \qquad
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
-K d* is unique. d* need not be unique, so errors are measured in the seminorm |.|_K. To factorise K, we add stiffness to
-k unknowns, the *anchors*; every motion moves at least one anchor.
+The force K d* is unique, but d* need not be unique. Errors are measured in the seminorm |.|_K. To factorise K, we add
+stiffness to k unknowns, the *anchors*. Every motion moves an anchor.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        Description of the motion modes @ c for given c; by default made of `names`.
+        The motion modes @ c in words, by default made of `names`.
     moved : (n_u, k) or (nodes, components, k) array, optional
-        Displacements of all nodes in each motion; by default `modes`, if the unknowns are displacements of nodes.
+        Displacements of all nodes in each motion, by default `modes`.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class Kernel:
         return float(lengths(field.reshape(len(field), -1)).max())
 
     def name(self, c: Floats) -> str:
-        """Return the motion modes @ c in words, with its direction."""
+        """Return the motion modes @ c in words."""
         if self.in_words is not None:
             return self.in_words(c)
         large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())
@@ -101,7 +101,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return stiffness (m,) for the k unknowns that distinguish modes (m, k) best."""
+    """Return the stiffness (m,) of k anchors, and zero elsewhere."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)

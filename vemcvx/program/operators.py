@@ -109,7 +109,7 @@ class Operators(ArrayRecord):
     D : (r, n) matrix, optional
         Rows of limits; D_j d is the motion towards limit j.
     compliance : (r,) array, optional
-        Compliances c_j >= 0 of the limits; zero makes limit j a bound.
+        Compliances c_j >= 0 of the limits. Limit j is a bound if c_j = 0.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """The features of the programs; a solver must accept all of them."""
+        """The features of the programs."""
         has = {
             QUADRATIC: True,
             ABSOLUTE_VALUES: self.count > 0 and self.block == 1,
@@ -183,7 +183,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_modes(self) -> Floats:
-        """The matrix A Z, with the kernel Z of K."""
+        """The product (N, k) of `A` and `kernel`."""
         return np.asarray(self.A @ (np.zeros((self.K.shape[0], 0)) if self.kernel is None else self.kernel))
 
     @cached_property
@@ -219,7 +219,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def own_columns(self) -> tuple[Ints, Ints] | None:
-        """The columns of B and D if rows have single entries in distinct columns."""
+        """The columns of B and D, or None if rows have several entries or share columns."""
         columns, rows = self.A.indices.astype(np.int64), self.A.shape[0]
         single = (np.diff(self.A.indptr) == 1).all() and self.A.data.all() and len(np.unique(columns)) == rows
         return (columns[: self.B.shape[0]], columns[self.B.shape[0] :]) if single else None
@@ -263,7 +263,7 @@ class Operators(ArrayRecord):
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Estimate b'K^{-1}b of each row b by c b'diag(K)^{-1}b, with c from sampled rows."""
+        """Return estimates of b'K^{-1}b for all rows b."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))

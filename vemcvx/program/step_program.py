@@ -1,13 +1,14 @@
-"""The convex program of a step, (2.34) of the paper, for the increment d = y - y_prev of a system's unknowns y.
+"""The convex program of a step, (2.34) of the paper.
+
+The unknown is the increment d = y - y_prev of a system's unknowns y.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e
     solution  K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-K is the stiffness matrix, and g = load(t_n) - K y_prev is the unbalanced force of y_prev under the new load. The
-unknown is d, because d keeps all digits if it is tiny compared with y. Norm term i resists the slip s_i by the force
-lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the
-force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
+K is the stiffness matrix, and g = load(t_n) - K y_prev is the unbalanced force of y_prev under the new load. Norm term
+i resists the slip s_i by the force lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and
+lam_i is free. *Limit* j has the force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 STILL_TOLERANCE = 1e-9
 """Slips B d - b and excesses D d - e count as zero below this fraction of the largest motion of a row."""
 GAIN_TOLERANCE = 1e-9
-"""Gains of a motion, relative to the load, count as zero below this level."""
+"""Largest gain in `find_unbalanced_motion` that counts as zero, relative to the load."""
 
 
 def has_diverged(x: Floats) -> bool:
@@ -123,7 +124,7 @@ class StepProgram(ArrayRecord):
 
     @cached_property
     def size(self) -> float:
-        """The scale of the energy norm |d|_K, at least |K^{-1} g|_K."""
+        """A scale for the energy norm |d|_K."""
         operators, top = self.operators, float(np.abs(self.g).max(initial=0.0))
         unit = float(power_of_two(top))
         size = unit * float(np.sqrt(operators.factor.energy(self.g / unit))) if top > 0 else 0.0
@@ -132,7 +133,7 @@ class StepProgram(ArrayRecord):
         way, flexible = lengths(operators.blocks(self.b)), operators.norm_flexibility
         drawn = np.where(self.stuck, way, 0.0) / np.sqrt(np.where(flexible > 0, flexible, 1.0))
         size = max(size, float(pushed.max(initial=0.0)), float(drawn.max(initial=0.0)))
-        return size or float(np.sqrt(self.finite_weights @ way))  # root of the work w'|b|
+        return size or float(np.sqrt(self.finite_weights @ way))
 
     def slip(self, d: Floats) -> Floats:
         """Return s = B d - b, as (m, block)."""
@@ -156,7 +157,7 @@ class StepProgram(ArrayRecord):
         return self.g - self.operators.multiplier_force(lam, p) - product(self.operators.K, d)
 
     def objective(self, d: Floats) -> float:
-        """Return the energy that the step minimises; infinite if d violates a bound or moves a term that sticks."""
+        """Return the energy that the step minimises, or infinity if d violates a constraint."""
         z, c = self.excess(d), self.operators.compliance
         over = np.where(z <= self.zero_levels(d)[1], 0.0, z)
         s = lengths(self.slip(d))
@@ -170,7 +171,7 @@ class StepProgram(ArrayRecord):
         return onto_discs(lam, self.w)
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return admissible multipliers near (lam, p), with N'r = 0 for a kernel N if possible."""
+        """Return admissible multipliers near (lam, p)."""
         lam, p, N = self.project(lam), np.maximum(p, 0.0), self.operators.kernel
         if N is None or has_diverged(d):
             return lam, p
@@ -215,7 +216,7 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return all multipliers: by balance, or if `lawful` first by the laws of contact."""
+        """Return lam (m, block) and p (r,), computed from d."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -226,7 +227,7 @@ class StepProgram(ArrayRecord):
             law = of_terms, np.where(z > lacks, z, 0.0) / np.where(c > 0, c, np.inf)
             known = np.append(np.repeat(size > 0, operators.block), (c > 0) | (z < -lacks))
             x, free = np.where(free & known, np.append(*law), x), free & ~known
-        if operators.own_columns is None:  # Rows share unknowns: use least squares.
+        if operators.own_columns is None:
             near, free_terms = (operators.blocks(x[:rows]), x[rows:]), operators.blocks(free[:rows] * 1.0).max(axis=1)
             push = self.g - product(operators.K, d)
             return balance_multipliers(near, self.w, operators.A.toarray(), push, (free_terms, free[rows:] * 1.0))
@@ -240,7 +241,7 @@ class StepProgram(ArrayRecord):
         Parameters
         ----------
         d : (n,) array
-            Increments. If they violate a bound, the gap is infinite; :meth:`StepProgram.feasible` moves them back.
+            Increments. The gap is infinite if d violates a bound (see :meth:`StepProgram.feasible`).
         lam : (m, block) or (m * block,) array, optional
             Multipliers of the norm terms, K d = g - B'lam - D'p. They are made admissible, or computed from d.
         p : (r,) array, optional
@@ -268,7 +269,7 @@ class StepProgram(ArrayRecord):
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # Without correct digits in K^{-1}, energies may be negative; zero would hide the error.
+        # A negative energy shows an error in K^{-1}, which zero would hide.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -299,7 +300,7 @@ class StepProgram(ArrayRecord):
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return N'r = N'(g - B'lam - D'p), and a bound on the rounding error."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # Larger forces cancel in g: allow for EPS times the largest entry.
+        # g is a difference of larger forces.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 
@@ -374,7 +375,7 @@ class StepProgram(ArrayRecord):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Answer(ArrayRecord):
-    """A solver's answer to one step, not yet certified; the caller makes it admissible.
+    """A solver's answer to one step, without a certificate.
 
     Parameters
     ----------
@@ -403,7 +404,7 @@ class Answer(ArrayRecord):
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """Return the Answer in a solver's return value. Raise SolverFailed if there is none."""
+    """Return a solver's return value as an Answer, or raise SolverFailed."""
     own, shapes = isinstance(raw, Answer), program.shapes
     parts = (raw.d, raw.lam, raw.p, raw.iterations) if own else raw if isinstance(raw, tuple) else (raw,)
     counted = len(parts) > 1 and is_whole(parts[-1])
@@ -432,7 +433,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SolvedProgram(StepProgram):
-    """The :class:`StepProgram` of one step of a run, with its answer; `w` are the weights at the answer.
+    """The :class:`StepProgram` of one step, with the answer. The weights `w` are the weights at the answer.
 
     Parameters
     ----------
@@ -443,7 +444,7 @@ class SolvedProgram(StepProgram):
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Derivatives of weights by forces of limits, at the answer; under Coulomb's law, the friction coefficients.
+        Derivatives of weights by forces of limits. Under Coulomb's law, they are friction coefficients.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
 
@@ -462,22 +463,21 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The certificate of the answer to this program."""
+        """The certificate of the answer."""
         return self.certify(self.answer.d, self.answer.lam, self.answer.p)
 
     @cached_property
     def norm(self) -> float:
-        """The energy norm |d|_K of the increments, the reference for errors."""
+        """The energy norm |d|_K of the increments."""
         return self.operators.energy_norm(self.answer.d)
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound of the minimal objective, rounding included."""
+        """Lower and upper bound on the minimal objective, including rounding."""
         d, lam, p = self.answer.d, *self.multipliers(self.answer.d, self.answer.lam, self.answer.p)
         value, size, c = self.objective(d), np.abs(d), self.operators.compliance
         terms = 0.5 * size @ product(self.operators.absolute[0], size) + np.abs(self.g) @ size
         rounding = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
-        # Unlike certificates, these bounds do not count tiny slips as zero.
         z = np.where(c > 0, self.excess(d), np.minimum(self.excess(d), 0.0))
         s = np.where(self.stuck[:, None], 0.0, self.slip(d))
         parts = norm_gaps(self.w, lam, s).sum() + limit_gaps(c, p, z).sum()

@@ -1,6 +1,6 @@
-"""A quasistatic variational inequality in plain arrays, without a mesh: the argument of `march`.
+"""Quasistatic variational inequalities in arrays, without a mesh.
 
-It is problem 2.1 of the paper for unknowns y(t), with the forms
+Problem 2.1 of the paper, for unknowns y(t), has the forms
 
     a(u, v) = v'Ku,     <l(t), v> = v'load(t),     j(v) = sum_i w_i |B_i v|.
 
@@ -43,7 +43,7 @@ from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import SYMMETRY_TOLERANCE, as_read_only_rows, check_symmetric, whole_blocks
 
 DRAG_ROUNDING = 16 * EPS
-"""Slip of a support that counts as zero, relative to the size of positions."""
+"""Largest slip that counts as zero, relative to positions."""
 CONSTANT = Law(lambda t, p, past, slip: 0.0, softening=np.zeros(1), slips=False)
 
 
@@ -78,7 +78,7 @@ class Rows(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class Norms(Rows):
-    """The norm terms w_i |B_i v|. The matrix B_i consists of `block` rows of B, from row i * block on.
+    """The norm terms w_i |B_i v|. The matrix B_i has `block` rows of B, from row i * block on.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class Norms(Rows):
 
     def weights(self, t: float) -> Floats:
         """Return weights (m,) at the instant `t`."""
-        w = self.w  # An array was checked when it was given.
+        w = self.w
         return w if isinstance(w, np.ndarray) else self.read_numbers(at_instant(w, t, "Norms: w"), "w", "weight")
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
@@ -158,7 +158,7 @@ class Norms(Rows):
         )
 
     def slope_by_forces(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix | None:
-        """Return the derivative dw/dp (m, r) of the law; None if it has no slope."""
+        """Return the derivative dw/dp (m, r) of the law, or None."""
         if self.law is None or self.law.slope is None:
             return None
         failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
@@ -170,8 +170,8 @@ class Norms(Rows):
 class Limits(Rows):
     """Limits e_j on the rows D_j y, with compliances c_j.
 
-    Let z_j = D_j y - e_j. If c_j = 0, limit j is the bound z_j <= 0; otherwise it adds the energy (z_j)_+^2 / (2 c_j).
-    The multiplier p_j >= 0 is the force of the limit: z_j <= c_j p_j, with equality where p_j > 0.
+    Let z_j = D_j y - e_j. If c_j = 0, limit j is the bound z_j <= 0. If c_j > 0, limit j adds the energy
+    (z_j)_+^2 / (2 c_j). The limit has the force p_j >= 0, and z_j <= c_j p_j. If p_j > 0, then z_j = c_j p_j.
 
     Parameters
     ----------
@@ -220,15 +220,15 @@ class Limits(Rows):
 
     def remaining_gap(self, t: float) -> Floats:
         """Return e (r,) at the instant `t`."""
-        e = self.e  # An array was checked when it was given.
+        e = self.e
         return e if isinstance(e, np.ndarray) else self.read_numbers(at_instant(e, t, "Limits: e"), "e", signed=True)
 
 
 @dataclass(frozen=True)
 class DraggedTerms:
-    """Terms w_i |c_i(t_n) - c_i(t_{n-1})| of given positions c_i: they dissipate, but do not change the state."""
+    """Terms w_i |c_i(t_n) - c_i(t_{n-1})| with prescribed positions c_i."""
 
-    position: Callable[[float], Floats]  # t -> (q * block,) positions c of supports, minus the motion of the ground
+    position: Callable[[float], Floats]  # t -> (q * block,) positions c, relative to the ground
     weights: Callable[[float, Floats, Floats, Floats], Floats]  # (t, p, past, slip) -> (q,), as in a Law
     count: int
     block: int = 1
@@ -237,17 +237,16 @@ class DraggedTerms:
 
 @dataclass(frozen=True)
 class Motion:
-    """The contributions of moving supports. Nodes have displacements u = P y + u_D(t) with a given u_D.
+    """The contributions of moving supports to energy, slips and gaps.
 
-    Let a(u, v) = u'A v. Then a(u, u) = y'Ky + 2 y'dirichlet_force + stored. These terms nearly cancel if supports move
-    a body far. `pair` computes a(u, v) from two fields of `frame` without cancellation.
+    Nodes have the displacements u = P y + u_D(t), where supports prescribe u_D. The elastic form is a(u, v) = u'A v.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D
     prescribed_slip: Callable[[float], Floats]  # t -> (m * block,): slip due to u_D
     stored: Callable[[float, float], float]  # (s, t) -> u_D(s)'A u_D(t)
     frame: Callable[[float, Floats], Floats]  # (t, y) -> (n_u,): u minus a motion without strain
-    pair: Callable[[Floats, Floats], float]  # (u, v) -> a(u, v) of two fields of `frame`
+    pair: Callable[[Floats, Floats], float]  # (u, v) -> a(u, v) for results u, v of `frame`
     remaining_gap: Callable[[float], Floats] | None = None  # t -> (r,): decrease of gaps due to u_D
 
 
@@ -300,7 +299,7 @@ class System(ArrayRecord):
     motion : Motion, optional
         Energy, slip and gaps of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
-        An order of elimination with little fill, for linear solvers that compute none.
+        An order of elimination with little fill, for linear solvers that compute no order.
     near_kernel : (n, k) array, optional
         Motions of little energy, such as rigid motions, for iterative linear solvers.
     kernel : Kernel, optional
@@ -311,7 +310,7 @@ class System(ArrayRecord):
     damping : Damping, optional
         A force C y' that depends on the rate.
     dragged : DraggedTerms, optional
-        Norm terms with slips that supports prescribe; they add to the dissipated energy only.
+        Norm terms with slips that supports prescribe.
 
     Examples
     --------
@@ -335,7 +334,7 @@ class System(ArrayRecord):
         object.__setattr__(self, "K", as_read_only_rows(self.K, "System: K"))
         check_symmetric(self.K, "System: K")
         diagonal, largest = self.K.diagonal(), self.K.diagonal().max(initial=0.0)
-        # In a wholly rigid body some unknowns have no stiffness, up to rounding.
+        # Some unknowns of a rigid body have no stiffness.
         if (diagonal <= (0.0 if self.kernel is None else -SYMMETRY_TOLERANCE * largest)).any():
             i = int(np.argmin(diagonal))
             raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
@@ -441,7 +440,7 @@ class System(ArrayRecord):
         return given if (ground := self.ground(t)) is None else given - ground
 
     def ground(self, t: float) -> Floats | None:
-        """Return the displacement (m * block,) of the ground at the instant `t`; None if it does not move."""
+        """Return the displacement (m * block,) of the ground at the instant `t`, or None."""
         if self.norms is None or self.norms.ground is None:
             return None
         rows, subject = self.B.shape[0], "Norms: ground"

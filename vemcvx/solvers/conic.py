@@ -43,24 +43,24 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "max_threads": 1,  # two threads take three times as long
         "direct_solve_method": "faer",  # "qdldl" takes five times as long for the paper's program
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
-        "presolve_enable": False,  # there is nothing to remove
+        "presolve_enable": False,
         "equilibrate_enable": False,  # programs are scaled already
-        "static_regularization_constant": 1e-15,  # with 1e-13, errors of 1/6 of the paper's steps are too large
+        "static_regularization_constant": 1e-15,  # with 1e-13, errors are too large in 1/6 of the paper's steps
         "max_step_fraction": 0.999,  # saves 7 % of the iterations
     },
     "OSQP": {
         "eps_abs": RESIDUAL,
         "eps_rel": RESIDUAL,
-        "eps_prim_inf": 1e-15,  # the default finds steps infeasible
-        "eps_dual_inf": 1e-15,  # the default finds steps unbounded
+        "eps_prim_inf": 1e-15,  # with the default, OSQP calls steps infeasible
+        "eps_dual_inf": 1e-15,  # with the default, OSQP calls steps unbounded
         "max_iter": 100_000,  # the default, 4000, is too small
-        "polishing": True,  # gains the last digits; must be set for every solve
-        "polish_refine_iter": 10,  # gains the last digits of polishing
+        "polishing": True,  # gains the last digits
+        "polish_refine_iter": 10,
     },
     "SCS": {
         "eps_abs": SHORT,  # the default leads to errors of 2e-3
         "eps_rel": 0.0,  # data are scaled already
-        "max_iters": 200_000,  # first-order method: small tolerances take many iterations
+        "max_iters": 200_000,  # small tolerances take many iterations
         "normalize": False,  # programs are scaled already
     },
     "HIGHS": {"qp_regularization_value": 0.0},  # the default leads to errors of 4e-6
@@ -269,7 +269,7 @@ def polish_answer(newton: PreparedNewton, program: StepProgram, answer: Answer) 
 
 
 def _run(step: CvxpyStep, kept: dict[str, Any], settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
-    """Solve without cvxpy's warnings about inaccuracy; return the status and the number of iterations."""
+    """Return the status and the number of iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 

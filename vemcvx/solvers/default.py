@@ -26,7 +26,7 @@ class Solves(Protocol):
 
     @property
     def solve(self) -> Callable[..., Any]:
-        """The method solve(program, target): one scaled step, up to the duality gap `target`."""
+        """The method solve(program, target), for one scaled step and the duality gap `target`."""
 
 
 def as_solver(given: Solver | Solves) -> Solver:
@@ -77,7 +77,6 @@ class AdaptedSolver(Solver):
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step, from given multipliers if the user's method takes multipliers."""
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         more = list(inspect.signature(self._own.solve).parameters)[2:]
         given = {name: begin[name] for name in ("lam", "p") if name in more}
@@ -119,8 +118,8 @@ PATIENCE = 12  # Number of programs without a halved gap, after which the fixed-
 class RunSolver:
     """A solver prepared for the steps of a run.
 
-    Weights are given, or follow from a law of friction. Newton's method solves steps with a law directly. Other solvers
-    use a fixed-point iteration: one step of `newton` from each answer gives the next weights.
+    Weights are constants, or follow from a law of friction. Newton's method solves steps with a law directly. Other
+    solvers use a fixed-point iteration. One step of `newton` from an answer gives the next weights.
     """
 
     solver: Solver
@@ -142,7 +141,7 @@ class RunSolver:
 
     @cached_property
     def second(self) -> RunSolver:
-        """The solver for a second attempt: Clarabel after Newton, cvxpy with other settings, else self."""
+        """The solver for a second attempt at a step."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
         if not isinstance(solver, ThroughCvxpy):
             return self
@@ -151,7 +150,6 @@ class RunSolver:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Return the answer to one step, with the least gap found under a law."""
         if self.prepared is self.newton:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
@@ -171,14 +169,14 @@ class RunSolver:
                 best, least = answer, gap
             if least <= target or waited == PATIENCE:
                 return replace(best, iterations=iterations)
-            # If the gap was not halved, omit the Newton step: this breaks cycles.
+            # Omit the Newton step if the gap was not halved, to break cycles.
             ahead = answer if waited else self.newton.solve_from(program, law, answer)
             w = law.at(ahead.p, lengths(program.slip(ahead.d)))
 
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Return the best answer of a second attempt at a step that missed its target."""
+        """Return the best answer of a second attempt."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:

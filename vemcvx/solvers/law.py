@@ -44,7 +44,7 @@ class Weights:
 
     @property
     def reads_slip(self) -> bool:
-        """True for laws of slip without a slope: weights may depend on the slip of the step."""
+        """True if weights may depend on the slip of the step."""
         return self.norms is not None and self.norms.rule.slips and self.norms.rule.slope is None
 
     def at(self, p: Floats, slip: Floats) -> Floats:
@@ -115,7 +115,7 @@ def resolve_slips(law: Weights, p: Floats, size: Floats, shift: float, tolerance
         r = low + (high - low) * np.clip(part, 0.0, 1.0)
         error = law.at(p, r) + shift * r - size
         under = error <= 0.0
-        # Illinois rule: if an end of the bracket stayed in two rounds, halve the value there.
+        # Illinois rule: halve the value at an end that stayed twice.
         share, last = np.where(under == last, 0.5, 1.0), under
         above, below = np.where(under, share * above, error), np.where(under, error, share * below)
         low, high = np.where(under, r, low), np.where(under, high, r)

@@ -1,17 +1,17 @@
 r"""Semismooth Newton on active sets, for the contact forces x = (lam, p) of a step (docs/theory/semismooth_newton.md).
 
-Let x_law be the forces of the law on slipping terms and open limits, and the last x on other rows. The next x is
-x_law + Q z. Let s be the slips and w the weights of slipping terms. The unknowns z are changes of
+Norm terms have the forces lam, the slips s and the weights w. Limits have the forces p. Let x_law be the forces of the
+law on slipping terms and open limits, and x on other rows. The next x is x_law + Q z. The unknowns z are changes of
 
-- forces of sticking terms and acting limits; limits also change friction along slips, by J = dw/dp,
+- forces of sticking terms,
+- forces of acting limits, which change friction by J = dw/dp,
 - forces across the direction of slip, with the compliance |s|/w,
 - forces along the direction of slip if w depends on |s|, with the compliance 1 / (dw/d|s|).
 
-Let P be Q' without J, and W the Delassus matrix. The matrix of the system is P W Q + diag(compliance). If K has a
-kernel, the system also has the balance of forces on the kernel.
+Let P be Q' without J, and W the Delassus matrix (:mod:`vemcvx.program.forces`). The matrix of the system is
+P W Q + diag(compliance). If the stiffness matrix K has a kernel, the forces must also balance on the kernel.
 
-If active sets recur, accelerated projected gradients follow. For laws that are not monotone, three of four recurrences
-choose the best of four points between the last two points instead.
+If active sets recur, projected gradients follow, or a search between the last two points.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ from vemcvx.solvers.law import Weights, resolve_slips
 from vemcvx.solvers.solver import Solver
 
 SHIFT = 0.1
-"""Factor in x + SHIFT * off, which predicts active sets. With the factor 1, sets cycle more often."""
+"""Factor of slips and gaps `off` in x + SHIFT * off, which predicts active sets."""
 REGULARISATION = 1e-11
-"""Number added to the diagonal of the system, so that linearly dependent rows share a force."""
+"""Number added to the diagonal, because rows may be linearly dependent."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Errors of the law, relative to the largest force, at which corrections end, a step ends, and a stalled step ends."""
-MAX_CORRECTIONS = 20  # largest number of corrections with the same factors
-FIRST_SWEEPS = 100  # gradient steps in the first call of projected gradients; each call doubles them, up to sixteenfold
-SWEEP_TOLERANCE = 1e-6  # relative error of weights in projected gradients, if weights rise with slip
-SWEEPS_PER_WEIGHTS = 10  # gradient steps until weights are evaluated again
-MAX_SAFEGUARDS = 10  # largest number of calls of projected gradients in a step
-SWEEPS_PER_MULTIPLIER = 20  # gradient steps until the multipliers `a` of a kernel are updated
+"""Relative errors of the law at which corrections, a step, and a stalled step end."""
+MAX_CORRECTIONS = 20  # largest number of corrections with one factorisation
+FIRST_SWEEPS = 100  # gradient steps in the first call of `_sweep`
+SWEEP_TOLERANCE = 1e-6  # relative error of weights in `_sweep`
+SWEEPS_PER_WEIGHTS = 10  # gradient steps per evaluation of weights
+MAX_SAFEGUARDS = 10  # largest number of calls of `_sweep` in a step
+SWEEPS_PER_MULTIPLIER = 20  # gradient steps per update of kernel coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class ActiveSets:
-    """The active sets of a point, with the weights w there."""
+    """The active sets of a point."""
 
     stick: Bools  # (m,) sticking terms
     act: Bools  # (r,) acting limits
@@ -80,7 +80,7 @@ class ActiveSets:
 
     @property
     def key(self) -> bytes:
-        """The sets as bytes; in the plane with the signs of slips."""
+        """The sets as bytes."""
         signs = (self.direction > 0) & ~self.stick[:, None]
         return self.held.tobytes() + (signs.tobytes() if self.direction.shape[1] == 1 else b"")
 
@@ -90,7 +90,7 @@ class ActiveSets:
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the largest error of forces, of held rows, and of the balance."""
+        """Return the largest error of the law."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
@@ -180,7 +180,7 @@ class Search:
     def find_solution(self, point: Point, system: ActiveSetSystem | None) -> tuple[Point, ActiveSetSystem, float]:
         """Return the solution, the last system, and the error of the law."""
         system = system or self._first_system(point)
-        s, z = self.delassus.split(point.off)  # Gaps z < 0 are open, whatever their size.
+        s, z = self.delassus.split(point.off)
         least = 0.01 * max(np.abs(s).max(initial=0.0), z.max(initial=0.0)) or 1e-300
         seen, swept, cycles, last = set[bytes](), None, 0, np.inf
         while True:
@@ -244,7 +244,7 @@ class Search:
 
     def _sweep(self, point: Point) -> Point:
         """Return a point nearer to the solution, by projected gradients."""
-        # For a kernel, the method is an augmented Lagrangian with multipliers `a`.
+        # If K has a kernel, the method is an augmented Lagrangian with multipliers `a`.
         delassus, norm, R, floats = self.delassus, self.delassus.norm, self.delassus.R, len(point.a) > 0
         most, length = min(2**self.safeguards, 16) * FIRST_SWEEPS, 1.0 / (2.0 * norm if floats else norm)
         self.safeguards += 1
@@ -254,7 +254,7 @@ class Search:
                 momentum, ahead, off = 1.0, point.x, point.off + R @ (norm * point.rest)
                 now = off
             if has_diverged(off):
-                break  # Nothing holds a floating body: slips grow without limit.
+                break  # Nothing holds the body.
             lam, p = delassus.split(ahead + length * off)
             p = np.maximum(p, 0.0)
             if self.law.is_monotone and not self.law.is_given:
@@ -334,7 +334,7 @@ class PreparedNewton:
         u = delassus.u
         own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])
         search = Search(delassus, own, self.most)
-        # Terms with infinite weights stick: discard the last system if such a term slips there.
+        # A term of infinite weight must not slip in the last system.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
         begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)

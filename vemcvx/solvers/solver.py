@@ -18,9 +18,9 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram, read_answer
 
 INNER_FRACTION = 0.1
-"""The fraction of the requested accuracy or gap that one of several errors may use."""
+"""Fraction of the requested accuracy or gap for inner computations."""
 TARGET_FRACTION = 0.01
-"""The fraction of the requested gap that is negligible."""
+"""Negligible fraction of the requested gap."""
 
 
 class Prepared(Protocol):
@@ -130,10 +130,10 @@ class ScaledFactor(Factor):
 
 
 class ScaledSolver:
-    """A prepared solver that receives programs without units.
+    """A prepared solver that receives scaled programs.
 
-    Let kappa be the largest entry of diag(K), and alpha the energy norm of the data of a step, divided by sqrt(kappa).
-    Both numbers are rounded up to powers of two, which makes scaling exact. The scaled data
+    Let kappa be the largest entry of diag(K). Let alpha be the energy norm of a step's data, divided by sqrt(kappa).
+    Both numbers are rounded up to powers of two, so that scaling is exact. The scaled data of the `StepProgram`
 
         K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha
 

@@ -1,16 +1,18 @@
-"""March through time by backward Euler, (2.34) of the paper: one certified convex program per step.
+"""Backward Euler, (2.34) of the paper: one certified convex program per step.
 
-Step n determines the increment d_n = y_n - y_{n-1} of the unknowns y, under the force g_n = load_n - K y_{n-1}. To keep
+Step n has the unknown d_n = y_n - y_{n-1} and the force g_n = load_n - K y_{n-1} with the stiffness matrix K. To keep
 the digits of tiny increments, we compute g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
 
-Dashpots add a form b(u', v) to a(u, v). The form b has the matrix A_b in displacements u = P y + u_D, and C in unknowns
-y. In a step of length k, K + C/k replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
+Dashpots add a form b(u', v) to the elastic form a(u, v). The form b has the matrix A_b in displacements u = P y + u_D,
+and C in unknowns y. In a step of length k, K + C/k replaces K. Moving supports then add the force
+-P'A_b (u_D,n - u_D,n-1) / k.
 
-Errors are relative to `scale`, the largest energy norm of the states so far. If `scale` is tiny, they are relative to
-`size`, the largest energy norm that data could cause. For a load f, this is |K^{-1}f|_K.
+Errors are relative to `scale`, the largest energy norm of the states so far. If `scale` is tiny, errors are relative to
+`size`, the largest energy norm that data could cause. A load f could cause the norm |K^{-1}f|_K.
 
-The initial state u_0 must obey condition (2.1): one step at times[0] from u_0 returns u_0. The certificate of step 0 is
-|jump of this step| + (error of this step). It bounds the distance from u_0 to a state that obeys (2.1).
+The initial state u_0 must obey condition (2.1): a step of length zero from u_0 ends at u_0. If the step ends elsewhere,
+the certificate of step 0 is |jump| + (error of the step). This sum bounds the distance from u_0 to a state that obeys
+(2.1).
 """
 
 from __future__ import annotations
@@ -118,7 +120,6 @@ class PosedStep:
         return replace(best, iterations=state.iterations + other.iterations)
 
     def _certify(self, solve: Callable[..., Answer], gap: float) -> State:
-        """Return the certified state of the answer of `solve`."""
         program, law = self.program, self.law
         guess = self.before.predict_multipliers(self.data.t, len(program.w))
         with name_failures(self.run.solver.name):
@@ -136,7 +137,7 @@ class PosedStep:
 
     @property
     def law(self) -> Weights | None:
-        """The law of the step's weights; None if weights are given."""
+        """The law of the weights in this step, or None."""
         norms = self.run.system.norms
         if norms is None or norms.law is None:
             return None
@@ -217,7 +218,7 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     root, motion = np.sqrt(operators.norm_flexibility), lengths(operators.blocks(ground))
     # Rows of zeros have the flexibility 0.
     far = np.divide(motion, root, out=np.where(motion > 0, np.inf, 0.0), where=root > 0)
-    return float(min(far.max(initial=0.0), w @ root))  # norms if the body follows the ground, and with all friction
+    return float(min(far.max(initial=0.0), w @ root))
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:
@@ -351,7 +352,7 @@ def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> Ab
 
 
 def check_times(times: ArrayLike) -> Floats:
-    """Return the instants (N + 1,) as an increasing array; raise SceneError for anything else."""
+    """Return the increasing instants (N + 1,), or raise SceneError."""
     wanted = "an increasing sequence of finite instants, such as np.linspace(0, 1, 65)"
     t = as_real_array(times, "times", wanted)
     if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
@@ -365,7 +366,7 @@ class Balanced:
 
     force: Floats
     near: Floats
-    settle: bool = True  # True: one step from y follows
+    settle: bool = True  # True if one step from y follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +380,7 @@ class Continued:
 
 Beginning = ArrayLike | str | Balanced | Continued | None
 START_TOLERANCE = 1e-6  # Largest jump of a given state in one step, relative to the energy norm.
-WARNING_RATIO = 3.0  # Largest jump of P^h u_0 without a warning, relative to |P^h u_0 - nodal values of u_0|.
+WARNING_RATIO = 3.0  # Largest jump without a warning, relative to |P^h u_0 - nodal values of u_0| (vemcvx.projected).
 
 
 def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> State:
@@ -408,7 +409,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
                 "friction at the first instant balance the stresses of u_0; if they do, refine the mesh."
             )
         if initial.settle:
-            # Nearly all stress may vanish here, so errors are relative to the norm of P^h u_0.
+            # Errors are relative to the norm before the step.
             return replace(settled, size=max(settled.size, given.ledger.norm))
     scale = max(given.ledger.norm, now.force.norm)
     if not isinstance(initial, Balanced) and not jump <= START_TOLERANCE * scale + settled.certificate.error:
@@ -416,7 +417,6 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
         if jump <= ROUNDING * max(loads):
             return settled
         refuse_start(run, given, settled, jump / scale if scale > 0 else np.inf)
-    # A state that obeys (2.1) is at most jump + (error of the settled state) away.
     away = settled.certificate.away(jump + settled.certificate.error)
     start = replace(settled, y=given.y, full=y, unbalanced=given.unbalanced, certificate=away)
     return _begin_history(run, start, given.ledger)

@@ -16,14 +16,14 @@ from vemcvx.base.arrays import Floats
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Least change of slope that is found, times the length of an interval, relative to the largest data."""
+"""Smallest change of slope, times the interval, relative to the largest value."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """The data in time: samples, bends and turns, and jumps."""
+    """Samples of data in time, with bends, turns and jumps."""
 
     times: Floats  # (q,) instants of the samples
     values: Floats  # (q, k) weighted sums of data, of size at most one
@@ -44,7 +44,7 @@ def sample_course(system: System, times: Floats) -> Course:
     instants, sentences = _jumps(sampled, values / scale, lambda t: sums(t) / scale, names)
     bends = np.union1d(instants, _bends(sampled, values / scale))
     turns = _turns(sampled, values / scale)
-    # Discard turns next to a bend: data are not smooth there.
+    # Discard turns next to bends.
     before, after = (sampled[np.clip(np.searchsorted(sampled, turns) + k, 0, len(sampled) - 1)] for k in (-2, 1))
     smooth = np.searchsorted(bends, before) == np.searchsorted(bends, after, side="right")
     return Course(sampled, values / scale, np.union1d(bends, turns[smooth]), sentences)
@@ -80,7 +80,7 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
-    """Return the instants of bends, where lines from both sides meet."""
+    """Return the instants (b,) of bends."""
     width = np.diff(times)
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
@@ -94,7 +94,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
 
 
 def _turns(times: Floats, values: Floats) -> Floats:
-    """Return the instants of turns, at vertices of parabolas through three samples."""
+    """Return the instants (b,) of turns."""
     width = np.diff(times)[:, None]
     slopes, half = np.diff(values, axis=0) / width, 0.5 * (width[1:] + width[:-1])
     left, right = slopes[:-1], slopes[1:]
@@ -112,7 +112,7 @@ def _jumps(
     # A jump is large compared with the data and with the median change.
     for j in np.flatnonzero((change > 0.02) & (change > 4.0 * usual)).tolist():
         a, b, left, right = times[j], times[j + 1], values[j], values[j + 1]
-        # After thirty halvings, a jump keeps a quarter of the change; a steep slope keeps nothing.
+        # After thirty halvings, only a jump keeps a quarter of the change.
         for _ in range(30):
             t = 0.5 * (a + b)
             middle = value(t)

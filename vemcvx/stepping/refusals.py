@@ -18,15 +18,15 @@ from vemcvx.program.system import Norms, System
 from vemcvx.stepping.state import PreparedRun, State, StepData
 
 STABLE_RATIO = 0.999
-"""Least ratio of softening to stiffness that causes a warning: steps amplify rounding a thousandfold."""
+"""Smallest ratio of softening to stiffness that causes a warning."""
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
-    """Raise NotCertified if the state after step `n` misses the accuracy, or SceneError if limits contradict."""
+    """Raise NotCertified if the state after step `n` misses the accuracy."""
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    # Certificates are void if rounding errors exceed a tenth of the energy norm.
+    # Rounding errors above a tenth of the energy norm are refused.
     if wanted and certificate.error_floor <= 0.1 * unit:
         return
     refuse_contradiction(run.system, state.data, f"step {n} at t = {state.t:.6g}")
@@ -64,8 +64,8 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
-    """Raise SceneError if bounds contradict: D'p = 0 and p'e < 0 for some p >= 0."""
-    from scipy.optimize import linprog  # Importing it takes a fifth of a second.
+    """Raise SceneError if hard limits contradict each other (Farkas' lemma)."""
+    from scipy.optimize import linprog
 
     limits = system.limits
     rigid = np.flatnonzero(np.zeros(0) if limits is None else limits.rigid)
@@ -90,7 +90,7 @@ def refuse_unbalanced(condensation: Condensation, program: StepProgram, when: st
     if kernel is None or field is None:
         return
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
-    # Scale the motion by displacements of nodes: at a joint, unknowns are jumps.
+    # Scale the largest displacement to one.
     field /= kernel.reach(parts)
     push = float(field @ program.g)
     holds = float(program.finite_weights @ lengths(program.operators.blocks(program.operators.B @ field)))

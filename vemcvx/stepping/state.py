@@ -1,34 +1,32 @@
-"""The data of a run, the state after a step, and the ledger of energies of the state.
+"""States, the data of a run, and the ledger of energies.
 
-The displacement u = P y + u_D(t) has the unknowns y and the part u_D that supports prescribe. The elastic form a(u, v)
-has the matrix A. In a step, d marks the change of a quantity, and n marks the value at the end. Norm terms have the
-slips s_i, weights w_i and forces lam_i. Limits D^u <= e have the forces p, the compliances c and the gaps g = e - D^u_D
-at y = 0. Supports and the ground cause the slip h at y = 0. The ledger of a step has
+Let f be the outer forces. The displacement is u = P y + u_D(t) with the unknowns y, and supports prescribe u_D. The
+elastic form is a(u, v) = u'A v. In a step, d marks the change of a quantity, and n marks the value at the end. Norm
+terms have the slips s_i = B_i dy + dh_i, the weights w_i and the forces lam_i. Supports and the ground prescribe h.
+Limits D y <= g have the forces p and the compliances c. The ledger of a step has
 
-energy E = 1/2 a(u, u) + (c p^2 / 2 of soft limits)
-work     = load_n . dy + a(u_n, du_D) + lam . dh - p . dg,  where the load excludes the Dirichlet force
-loss     = sum_i lam_i . s_i, the work of friction; at a solution the sum of w_i |s_i|
+    energy E = 1/2 a(u, u) + (c p^2 / 2 of soft limits)
+    work     = f_n . dy + a(u_n, du_D) + lam . dh - p . dg
+    loss     = sum_i lam_i . s_i
 
-In equilibrium, work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2) with z = D^u - e.
+In equilibrium, work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2) with z = D y - g.
 
-A contact node whose whole motion is prescribed is not in the program. It has the slip s = dh, and adds w |s| to loss
-and work. In a step of length k, dashpots with the form b(u', v) dissipate b(du, du) / k, and supports that move against
-dashpots do the work b(du, du_D) / k.
+A contact node with a prescribed motion adds w |dh| to loss and work. In a step of length k, dashpots with the form
+b(u', v) dissipate b(du, du) / k. Moving supports do the work b(du, du_D) / k against dashpots.
 
-Loss and work are accurate to first order in the step length. Accurate to second order are
+Loss and work are accurate to first order in k. With the weights w_i,prev at the beginning of the step, and the energy
+E_0 at the beginning of the run, the following sums are accurate to second order:
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss
 
-with the weights w_i,prev at the beginning of the step, and the energy E_0 at the beginning of the run. If supports move
-a body far, large terms of E cancel. So u is split into u_m + P q, where u_m is the response to the supports alone. With
-K = P'A P and m = P'A u_D,
+Large terms of E cancel if supports move a body far. With K = P'A P and m = P'A u_D, we split u = u_m + P q:
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
-    E = 1/2 a(u_m, u_m) + 1/2 q'Kq,      a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
+    E = 1/2 a(u_m, u_m) + 1/2 q'Kq,      a(u_n, du_D) = a(u_m,n, du_m) + (held - f_n) . dx_m
 
-with held = load_n - m_n - K y_n, the force that friction, limits and dashpots balance. If K has a kernel, anchors
-(:mod:`vemcvx.program.kernel`) add the stiffness K_a: then (K + K_a) x_m = -m, and a(u_m, Pv) = -v'K_a x_m.
+Here held = f_n - m_n - K y_n is the sum of the forces of friction, limits and dashpots. If K has a kernel, anchors
+(:mod:`vemcvx.program.kernel`) add the stiffness K_a. Then (K + K_a) x_m = -m, and a(u_m, Pv) = -v'K_a x_m.
 """
 
 from __future__ import annotations
@@ -52,10 +50,10 @@ from vemcvx.solvers.default import RunSolver
 from vemcvx.solvers.solver import INNER_FRACTION
 
 NORM_ROUNDING = float(np.sqrt(ROUNDED))
-"""Rounding error of |u|_a = sqrt(2 E), relative to the square root of the largest term in the sum E."""
+"""Rounding error of the energy norm sqrt(2 E), relative to the root of the largest term of E."""
 
 SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
-"""Range of energy norms. Outside this range, squares of norms overflow, or certified gaps underflow."""
+"""The accepted range of energy norms."""
 
 
 def check_norm(norm: float, t: float) -> float:
@@ -71,7 +69,7 @@ def check_norm(norm: float, t: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class StepData:
-    """The data of a system at an instant. Forces are condensed to the unknowns that states store."""
+    """The data of a system at an instant."""
 
     t: float
     force: Reduced  # load minus Dirichlet force
@@ -79,7 +77,7 @@ class StepData:
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
     ground: Floats | None  # (m * block,) displacement of the ground
     push: Reduced  # the Dirichlet force alone
-    field: Floats  # (n_u,) the response u_m to the supports, minus a rigid motion; empty if no supports move
+    field: Floats  # (n_u,) u_m minus a rigid motion; empty if no supports move
 
     @classmethod
     def evaluate(cls, condensation: Condensation, t: float) -> StepData:
@@ -114,21 +112,21 @@ class PreparedRun:
     """The data that all steps of a run share."""
 
     system: System
-    elastic: Frame  # the system without damping; states store its unknowns
+    elastic: Frame  # the system without damping
     solver: Solver
     check: bool
-    default: bool  # True for the default solver, whose answers at the rounding floor are accepted
+    default: bool  # True for the default solver
     condense: bool
-    viscous: dict[str, Frame] = field(default_factory=dict)  # by step length, as a string
+    viscous: dict[str, Frame] = field(default_factory=dict)  # by step length
 
     @property
     def condensation(self) -> Condensation:
-        """The system on the unknowns that states store."""
+        """The condensed system without damping."""
         return self.elastic.condensation
 
     @property
     def operators(self) -> Operators:
-        """The operators K, B and D on the unknowns that states store."""
+        """The operators of the condensed system without damping."""
         return self.condensation.operators
 
     @property
@@ -147,7 +145,7 @@ class PreparedRun:
             if limits is not None:  # Compliances of limits on velocities become displacement per force.
                 limits = replace(limits, compliance=np.where(limits.rates, k, 1.0) * limits.compliance)
             alone = replace(system, K=K, damping=None, motion=None, limits=limits)
-            self.viscous.clear()  # Factors are large: keep the frame of one step length only.
+            self.viscous.clear()  # Factors are large.
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
         return self.viscous[key]
 
@@ -176,7 +174,7 @@ class State:
 
     t: float
     y: Floats  # the stored unknowns
-    unbalanced: Floats  # load - K y, the force that norm terms, limits and dashpots balance
+    unbalanced: Floats  # load - K y
     data: StepData
     weights: Floats  # (terms,) weights of the step that ended here
     bound: Floats  # (terms,) weights under the slips at the end of the step
@@ -272,7 +270,7 @@ def _anchor_work(condensation: Condensation, push: Reduced, z: Floats) -> float:
 
 
 def advance(condensation: Condensation, before: State, after: State, d: Floats, given: Floats) -> Ledger:
-    """Return the ledger after a step with dy = d and dh = given."""
+    """Return the ledger after a step with dy = `d` and dh = `given`."""
     past, last, now = before.ledger, before.data, after.data
     force, change, motion = now.force, now.force - last.force, condensation.system.motion
     lost, work = dashpot_losses(condensation.system, d, last.t, now.t)

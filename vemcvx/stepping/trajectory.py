@@ -45,11 +45,11 @@ class Memory:
             ) from error
 
     def clear(self) -> None:
-        """Do nothing: memory holds no earlier run."""
+        """Do nothing."""
 
 
 class Folder(Owned):
-    """Storage of a new or resumed run in files of a folder, for a ``with`` block."""
+    """Storage of rows in files of a folder."""
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -117,7 +117,7 @@ class Trajectory(ArrayRecord):
     work : (N + 1,) array
         Work of all outer forces so far, with the forces at the end of each step.
     gap, floor : (N + 1,) arrays
-        Certified duality gap of each step, and the energy by which rounding may change it.
+        Certified duality gap of each step, and the energy by which rounding may change the gap.
     iterations : (N + 1,) array of int
         Iterations of the solver.
     given_friction : (N + 1,) array of bool
@@ -131,9 +131,9 @@ class Trajectory(ArrayRecord):
     accuracy : float
         Requested relative energy error of a step.
     initial : (n,) array
-        y at the initial instant, stored or not.
+        Unknowns y at the initial instant.
     work_begun : float
-        `work_second_order` at the initial instant: zero, or the work of the run that this run continues.
+        `work_second_order` at the initial instant: zero, or the work of an earlier run that is continued.
 
     Examples
     --------
@@ -200,7 +200,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def above_asked(self) -> str:
-        """Words that compare `certified` with the requested accuracy; empty if `certified` meets it."""
+        """A message if `certified` exceeds the requested accuracy, else empty."""
         asked, worst = self.accuracy, float(self.certified.max())
         if worst <= asked:
             return ""
@@ -250,7 +250,7 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """The recorder of a trajectory, which stores the steps `kept`."""
+    """The recorder of a trajectory."""
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage

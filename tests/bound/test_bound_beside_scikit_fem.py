@@ -1,12 +1,12 @@
 """Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
-functional that u minimises. On each triangle of the mesh of w, v is quadratic, too, so that |w - v|_a is integrated
-exactly. Triangles are graded towards points where stresses are singular.
+functional that u minimises. Both v and w are quadratic on each triangle of the mesh of w, so that |w - v|_a is
+integrated exactly. Triangles are graded towards points where stresses are singular.
 
-The displacement w is admissible: the body is above its floor on whole edges, because the Bernstein coefficients of the
-normal displacement are >= 0. So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution on the next
-coarser mesh. We assume J(w_1) - J(w) >= J(w) - J(u), and obtain |w - u|_a^2 <= 2 (J(w_1) - J(w)).
+The displacement w is admissible, because the Bernstein coefficients of the normal displacement are >= 0 on the floor.
+So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution on the next coarser mesh. We assume J(w_1) -
+J(w) >= J(w) - J(u), and obtain |w - u|_a^2 <= 2 (J(w_1) - J(w)).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ import vemcvx as vx
 
 YOUNG, POISSON = 200.0, 0.3
 GAUSS, WEIGHTS = np.array(np.polynomial.legendre.leggauss(3)) / 2.0 + [[0.5], [0.0]]
-"""Quadrature points of an edge, at which friction acts in the program, and their weights."""
+"""Quadrature points and weights on an edge, for friction in the program."""
 FINE, FINE_WEIGHTS = np.array(np.polynomial.legendre.leggauss(24)) / 2.0 + [[0.5], [0.0]]
-"""Quadrature points and weights for friction in J, which must be exact."""
+"""Quadrature points and weights on an edge, for friction in J."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def fan_triangles(circle):
 
 
 def refine_around(mesh, points, levels):
-    """Return a mesh whose triangles around points are halved repeatedly."""
+    """Return the mesh after repeated refinement around points."""
     for level in range(levels):
         middle = mesh.p[:, mesh.t].mean(axis=1)
         radius = 0.15 * 0.5**level
@@ -115,7 +115,7 @@ class Solution:
     floor: np.ndarray
     """Displacements on the floor: floor[edge, k, component], where k is an end (0, 1) or the middle (2)."""
     along: np.ndarray
-    """Coordinates x of both ends of these edges."""
+    """Coordinates x of both ends of the edges on the floor."""
 
 
 def solve_with_cvxpy(case, mesh):
@@ -151,7 +151,7 @@ def solve_with_cvxpy(case, mesh):
     column[contact] = np.arange(len(contact))
 
     def rows(weights, component):
-        """Return a matrix of sums: each row of `weights` times the three values on an edge, for all edges."""
+        """Return the matrix from unknowns on the floor to weighted sums of the three values on an edge."""
         out = np.zeros((len(weights), len(edges), len(contact)))
         for k in range(3):
             free = np.flatnonzero(column[dofs[k, component]] >= 0)
@@ -188,7 +188,7 @@ def find_changes(found, size):
 
 
 def distance(found, circle, u):
-    """Return |w - v|_a, exactly: w and v are quadratic on each triangle."""
+    """Return |w - v|_a."""
     grad = found.basis.interpolate(found.w).grad
     strain = np.stack([grad[0, 0], grad[1, 1], grad[0, 1] + grad[1, 0]], axis=-1)
     x = np.asarray(found.basis.global_coordinates())

@@ -20,7 +20,7 @@ ROUNDING = 1e-10
 
 
 def check_inside(bound, exact, error=0.0):
-    """Check that bounds enclose a value `exact`, known up to `error`; return the width of the interval."""
+    """Check that bounds enclose `exact` up to `error`, and return the width of the interval."""
     slack = ROUNDING * (abs(exact) + abs(bound.value)) + error
     assert bound.low - slack <= exact <= bound.high + slack
     return bound.high - bound.low
@@ -34,7 +34,7 @@ def waves(x, t):
 
 
 def quantities_of_full_slip():
-    """Return quantities by name, each with its exact value."""
+    """Return quantities with exact values, by name."""
     lam = full_slip.lame(0.3)
     s, w = np.polynomial.legendre.leggauss(24)
     s, w, one = 0.5 + 0.5 * s, 0.5 * w, np.ones(24)
@@ -62,7 +62,7 @@ def test_bounds_enclose_quantities_of_full_slip(family, name):
     assert widths[1] < 0.6 * widths[0]
 
 
-# Without friction. The intervals of all meshes contain the exact value, so the intervals intersect.
+# Without friction, the intervals of all meshes contain the exact value, so the intervals intersect.
 
 
 def bonded(*effects):

@@ -1,7 +1,7 @@
 """Bounds where several effects share an edge: inclined supports, friction and obstacles.
 
-A block that is clamped at its top deforms uniformly, u = (1 - y) b with a vector b, under constant tractions on its
-sides. Virtual elements are exact for this displacement, so that a bound that includes all effects is zero to rounding.
+The top of a block is clamped. Constant tractions on the other sides cause the displacement u = (1 - y) b, with a vector
+b. Virtual elements are exact for this displacement, so the bound is zero to rounding.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def test_a_bump_between_nodes_increases_the_bound_of_a_body_on_an_inclined_suppo
             vx.UnilateralContact(on="bottom", gap=gap),
         )
 
-    # The bump is between nodes, so that the computed body penetrates it; admissible displacements have more energy.
+    # The bump is between nodes, so the computed body penetrates the bump.
     bumped, flat = bound_over(9e-3), bound_over(0.0)
     assert bumped.potential[1] > flat.potential[1] + 1e-6
     assert bumped.upper > 1.1 * flat.upper

@@ -60,7 +60,7 @@ RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47
 
 @pytest.mark.slow
 def test_friction_that_is_zero_at_nodes_is_in_the_bound():
-    """In a finer run, which has nodes in the zone of friction, the side moves by .02994."""
+    """With nodes in the friction zone, the left side moves by .02994."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
     assert history.inactive
@@ -95,7 +95,7 @@ LOADS = {
 
 
 def bar_under(of):
-    """Return the run of a bar under the body force `of`, many points along the bar, and exact axial forces there."""
+    """Return the run of a bar under the body force `of`, points on the bar, and exact axial forces."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
     return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), s, force
@@ -134,7 +134,7 @@ def test_quantities_that_assemble_as_zero_are_bounded():
     assert not bound.guaranteed
 
 
-# Changes between instants. A layer in uniform shear has no mesh error; the reference run has small steps.
+# Changes between instants. A layer in uniform shear has no mesh error.
 
 SIDES = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
 LAYER = (vx.Elasticity(2.0, 0.0), SIDES, vx.BilateralContact(on="bottom"))

@@ -28,7 +28,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def slipping(poisson):
-    """Return the scene of manufactured full slip, held only on its left side, where the displacement is linear."""
+    """Return the scene of manufactured full slip, held on the left side only."""
     lam = full_slip.lame(poisson)
 
     def moved(x, t):
@@ -72,13 +72,13 @@ def integrate_energy(poisson):
 def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     history = slipped(poisson, family, n)
     bound, error = vx.error_bound(history, step=-1), measure_error(history, poisson)
-    # Near incompressibility, all numbers contain the rounding error of lambda div u.
+    # Near incompressibility, lambda div u has a rounding error.
     rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
     assert error * (1.0 - rounding) <= bound.upper <= (1.2 if n == 6 else 1.05) * error
     locks = family == "triangles" and poisson > 0.4
     assert (0.88 if n == 6 else 0.9 if locks else 0.95) * error <= bound.lower <= error * (1.0 + rounding)
     assert np.isclose(bound.cells.sum(), bound.upper**2)
-    # Loads are exponentials, so that bounds have a quadrature error, which is small beside the error of a coarse mesh.
+    # Loads are exponentials, so the bound contains an estimate.
     assert bound.kind == "bound for data as read at points"
     if n == 6:
         assert bound.energy[0] <= integrate_energy(poisson) <= bound.energy[1]
@@ -88,7 +88,7 @@ def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
 @pytest.mark.long
 @mostly_slow("seed", range(12))
 def test_bounds_hold_for_wrong_solutions(seed):
-    """Nodal values are disturbed by a tenth of their size, and multipliers are wrong."""
+    """Nodal values and multipliers have random errors."""
     rng, history = np.random.default_rng(seed), slipped(0.3, "voronoi", 4)
     run, posed = history.trajectory, circle_of(history).posed
     y = run.state * (1.0 + 0.1 * rng.normal(size=run.state.shape))
@@ -107,7 +107,7 @@ def test_bounds_hold_for_wrong_solutions(seed):
 
 
 def tilted(*contact):
-    """Return a block under a load that presses its left half on the floor, lifts its right half, and pulls along x."""
+    """Return a block whose load presses the left half on the floor and lifts the right half."""
 
     def load(x, t):
         return np.column_stack([np.full(len(x), 8.0 * t), (12.0 - 28.0 * x[:, 0]) * t])
@@ -155,7 +155,7 @@ SCENES = {
 
 
 def one_step(seed):
-    """Return a random scene with given friction, and the end of its step; every third seed has one-sided contact."""
+    """Return a random scene with given friction bounds, and the end of the step."""
     scene, turn = random_scene(seed)
     if seed % 3 < 2:
         return scene, turn
@@ -164,7 +164,7 @@ def one_step(seed):
 
 
 def check_beside_refined(coarse):
-    """Compare bounds of a run with a finer run, whose error is at most .05 of the distance between both runs."""
+    """Compare the bounds of a run with a much finer run."""
     bound = vx.error_bound(coarse, step=-1)
     apart, own, ahead = beside_refined(coarse, 0.05)
     assert apart >= 20.0 * own
@@ -176,10 +176,10 @@ def check_beside_refined(coarse):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(200))
 def test_bounds_hold_in_random_scenes(seed):
-    """Scenes have stiffnesses over six decades and all families of meshes; steps end when loads reverse."""
+    """Scenes have stiffnesses over six decades and all families of meshes."""
     scene, turn = one_step(seed)
     bound, apart, own, ahead = check_beside_refined(vx.simulate(scene, coarse_mesh(seed), [0.0, turn]))
-    # J is the functional that the exact displacement u minimises; J(v) - J(u) is at least half the squared error of v.
+    # The potential J of the computed v and the exact u satisfies J(v) - J(u) >= |u - v|^2 / 2.
     most = np.sqrt(2.0 * (bound.potential[1] - ahead.potential[0]) + bound.lower**2)
     assert apart - own <= most <= bound.upper
     assert bound.upper <= 1.35 * (apart + own)
@@ -187,7 +187,7 @@ def test_bounds_hold_in_random_scenes(seed):
 
 
 def stacked(n):
-    """Return the mesh of two blocks, one on the other, whose nodes do not coincide."""
+    """Return a mesh of two stacked blocks with different nodes."""
     lower, upper = vx.meshes.squares(n, box=((0, 2), (0, 1))), vx.meshes.squares(n + 1, box=((0.5, 1.5), (1, 2)))
     return vx.meshes.bodies({"lower": lower, "upper": upper})
 
@@ -269,7 +269,7 @@ def sine(t):
 def measure_effectivities(scene, times, n, finer, parts):
     """Return the ratios of upper bounds to distances from a finer run, at up to four steps.
 
-    The instants of `vx.instants` divide time into intervals; the finer run has `parts` steps in each interval.
+    The finer run has `parts` steps between successive instants of `vx.instants`.
     """
     mesh, wanted = vx.meshes.squares(n), np.unique(np.linspace(1, len(times) - 1, 4).astype(int))
     fine_times = [np.linspace(a, b, parts + 1) for a, b in pairwise(vx.instants(scene, mesh, times))]
@@ -306,7 +306,7 @@ def case(scene, steps, most):
     ],
 )
 def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, n, finer, parts, most):
-    """Some loads reverse inside a step; bounds then contain an estimate of the error that the reversal causes."""
+    """If loads reverse inside a step, bounds contain an estimate."""
     found = measure_effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
     assert found.min() >= 1.0
     assert found.max() <= most
@@ -314,7 +314,6 @@ def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, 
 
 @pytest.mark.long
 def test_a_reversal_inside_a_step_causes_a_warning_and_vx_instants_includes_it(caplog):
-    """If a run misses a reversal, its bound is larger than with the reversal, and a warning is logged."""
     scene, mesh, times = paper_scene(zigzag), vx.meshes.squares(4), np.linspace(0.0, 1.0, 6)
     missed = vx.simulate(scene, mesh, times)
     with caplog.at_level("WARNING", logger="vemcvx"):
@@ -336,7 +335,7 @@ def test_a_reversal_inside_a_step_causes_a_warning_and_vx_instants_includes_it(c
 
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_in_the_bound():
-    """The load vanishes at all instants of the run; in the exact solution, friction keeps some strain."""
+    """The load vanishes at all instants of the run, but friction keeps some strain."""
     history = vx.simulate(paper_scene(triangular), vx.meshes.squares(4), [0.0, 1.0])
     fine = vx.simulate(paper_scene(triangular), vx.meshes.squares(4), [0.0, 0.5, 1.0])
     assert vx.error_bound(history).upper[-1] > np.sqrt(2.0 * fine.energy[-1]) > 0.0

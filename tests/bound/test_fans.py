@@ -58,7 +58,7 @@ def test_constant_strains_have_exact_energies_and_tractions(family):
 def least_energy(one, k, u, force, lam):
     """Return the minimum of (energy - work of a body force) in a cell, computed by scikit-fem.
 
-    The displacement is linear on each edge, with the values u at vertices; elements are quadratic.
+    The displacement is linear on each edge, with the values u at vertices.
     """
     corners = one.corners[k]
     points = np.concatenate([[[0.0, 0.0]], corners])

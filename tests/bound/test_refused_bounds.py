@@ -36,18 +36,18 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        # A check of nonzero forces alone would miss this friction, because its weight is zero.
+        # This friction has the weight zero.
         ((STEEL, Rubs()), "no bound for Rubs, whose edges are not known"),
         (
             (STEEL, vx.BilateralContact(on="top"), Rubs(1.0)),
             "no estimate for Rubs, whose edges are not known: .* by ends=",
         ),
-        # Between nodes the smaller of two gaps has a corner: without the refusal, the bound would be below the error.
+        # The smaller of both gaps has a corner between nodes.
         (
             (STEEL, *(vx.UnilateralContact("top", lambda x, t, k=k: 0.1 + abs(k - x[:, 0])) for k in (0, 1))),
             "if UnilateralContact on top and another obstacle of the same kind act on the same edge",
         ),
-        # All nodes are held, so that no cell is strained: without the refusal, the bound would be a ninth of the error.
+        # All nodes are held, so the computed strain is zero.
         ((INSIDE, vx.Clamp(on="boundary"), vx.BodyForce(lambda x, t: (0.0, -t))), "vary inside cells"),
     ],
 )
@@ -63,7 +63,7 @@ def waves(x, t):
 
 
 def test_histories_that_begin_at_a_projected_function_have_no_bound():
-    """Without the refusal, the bound would be 9e-18 for an error of .002: the exact history begins at `waves`."""
+    """Without the refusal, the bound would be 9e-18 for an error of .002."""
     bar = vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), vx.Symmetry(on=["top", "bottom"]))
     held = bar.with_(vx.BilateralContact(on="right"), vx.TrescaFriction(10.0, on="right"))
     history = vx.simulate(held, vx.meshes.squares(4), [0.0, 1.0], initial=vx.projected(waves))

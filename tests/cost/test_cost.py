@@ -1,4 +1,4 @@
-"""`vemcvx cost`: each row has the results of one run, and a failed run has a row."""
+"""The command `vemcvx cost`: rows of finished and of failed runs, advice, and the picture."""
 
 from __future__ import annotations
 

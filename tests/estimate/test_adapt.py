@@ -1,4 +1,4 @@
-"""Adaptive runs: true errors meet targets, steps end at load reversals, wrong arguments are refused."""
+"""Adaptive runs: true errors meet targets, and steps end at load reversals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TARGET = 0.05
 
 
 def measure_error(found, scene):
-    """Return the larger of the relative errors at t = 0.5 and 1; cells of the reference are refined twice."""
+    """Return the larger relative error at t = 0.5 and 1, against a mesh that is refined twice."""
     times = found.history.trajectory.times
     fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))
@@ -26,7 +26,7 @@ def measure_error(found, scene):
 
 
 def meets_target(seed):
-    """Return True if the true error meets the target on one scene of the random family."""
+    """Return True if the true error of a random scene meets the target."""
     scene, _ = random_scene(seed)
     found = vx.adapt(scene, coarse_mesh(seed), [0.0, 0.5, 1.0], TARGET)
     assert found.met
@@ -82,7 +82,7 @@ def test_marked_cells_have_a_fraction_theta_of_the_error_unless_fewer_cells_suff
     squares = np.array([4.0, 1.0, 3.0, 2.0])
     assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
     assert not cells_to_refine(squares, 100.0, 0.6).any()
-    # The squares add up to 10. Refining the first cell removes GAIN * 4 = 3, which meets the goal.
+    # Refinement of the first cell reduces the sum 10 by GAIN * 4 = 3, which meets the goal.
     goal = (10.0 - GAIN * 4.0) / MARGIN**2
     assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
 
@@ -121,22 +121,22 @@ def test_every_requested_instant_is_stored():
 
 @pytest.mark.slow
 def test_adaptive_meshes_need_fewer_unknowns():
-    """The study of `problems/adaptive_meshes.py` is run at half its sizes."""
+    """Meshes have half the sizes of `problems/adaptive_meshes.py`."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
-    # With N unknowns, adaptive errors fall as N^-1/2 in the limit; on coarse meshes they fall faster, here as N^-.551.
+    # With N unknowns, adaptive errors fall as N^-1/2 in the limit, and faster on coarse meshes.
     assert adaptive_meshes.fit_slope(adapted) <= -0.45
     assert adaptive_meshes.fit_slope(equal) > -0.47
-    # Adapted meshes need .2 of the unknowns of uniform meshes; at full size, where errors are smaller, they need .13.
+    # Adapted meshes need .2 of the unknowns of uniform meshes.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
 
 
 @pytest.mark.long
 def test_a_load_that_begins_and_ends_within_a_step_is_found():
-    """At the requested instants only the preload acts, so errors must also be estimated between these instants."""
+    """At the requested instants only the preload acts."""
 
     def shaken(t):
         return 1.0 + np.interp(t % 1.0, [0.0, 0.25, 0.75, 1.0], [0.0, 0.5, -0.5, 0.0])

@@ -1,4 +1,4 @@
-"""The error budget of several bodies: contact acts on the edges of both bodies, and bonded bodies act as one."""
+"""The error budget of several bodies in contact."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def shear(bound):
 
 
 def strained(contact):
-    """Return a scene of two blocks in uniform strain; supports hold the ends of their joint."""
+    """Return a scene of two blocks in uniform strain, with supports at the ends of the joint."""
     gradient = np.array([[0.02, 0.04], [0.01, -0.12]])
     moved = vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on=OUTSIDE)
     return vx.Scene(STEEL, moved, contact(on=JOINT), vx.TrescaFriction(10.0, on=JOINT))
@@ -56,7 +56,7 @@ def test_uniform_strain_leaves_no_residual(scene):
 
 @pytest.mark.long
 def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
-    """Where the upper bodies meet, the node of the lower body has two partners along one normal."""
+    """A node of the lower body has a partner on each of the upper bodies."""
     boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(2, box=box) for name, box in boxes.items()})
     scene = vx.Scene(
@@ -71,7 +71,7 @@ def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
 
 @pytest.mark.long
 def test_uniform_pressure_across_a_curve_leaves_a_residual_of_second_order():
-    """A normal at a node is the mean of the normals of two chords. Its error is of second order in their angle."""
+    """The normal at a node is the mean of two chord normals, and has an error of second order."""
     found = []
     for sides in (16, 32):
         disc, ring = vx.meshes.ring([0.0, 0.5, 2.0], sides), vx.meshes.ring([2.0, 3.0], sides)
@@ -121,7 +121,7 @@ def test_estimates_on_two_blocks_are_one_to_five_times_the_error(young, families
 
 @pytest.mark.long
 def test_bumps_of_a_gap_that_vanish_at_nodes_are_in_the_estimate():
-    """The part "data" of the estimate does not change if both bodies move up together by any amount."""
+    """The part "data" does not change if both bodies move up together."""
 
     def data_error(gap, lift):
         def ground(x, t):

@@ -13,13 +13,13 @@ from vemcvx.estimate.budget import error_budget
 pytestmark = pytest.mark.arithmetic
 
 LEAST, MOST = 1.0, 5.0
-"""Bounds on all meshes and scenes for the effectivity: the estimated total divided by the true error."""
+"""Bounds of the effectivity, (estimated total) / (true error)."""
 
 
 def measure_effectivity(poisson, family, n):
     lam = full_slip.lame(poisson)
     scene = full_slip.scene(poisson, pulled=poisson > 0.4)
-    # Rounding forbids a higher accuracy near incompressibility.
+    # Near incompressibility, rounding limits the accuracy.
     solver = vx.Newton(accuracy=1e-6 if poisson > 0.49 else 1e-8)
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, 9), store="last", solver=solver)
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
@@ -35,7 +35,7 @@ def measure_effectivity(poisson, family, n):
     [(0.3, (8,)), *(pytest.param(nu, (6, 12, 24, 48), marks=pytest.mark.slow) for nu in (0.0, 0.3, 0.4999995))],
 )
 def test_effectivity_on_manufactured_full_slip(family, poisson, sizes):
-    """Near incompressibility linear triangles lock, and are left out."""
+    """Linear triangles lock near incompressibility, and are left out."""
     if family in OF_TRIANGLES and poisson > 0.4:
         return
     found = [measure_effectivity(poisson, family, n) for n in sizes]
@@ -107,7 +107,7 @@ def test_constant_stress_leaves_no_residual_on_any_family(effects):
 
 
 def test_a_body_that_supports_hold_at_rest_against_a_constant_traction_has_no_error():
-    """Rounding of mean tractions counts as zero: relative to the zero energy of the run, it would be an error of 1."""
+    """The energy is zero, so rounding of tractions would be a relative error of 1."""
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="boundary"), vx.Traction((0.1, 0.3), on="right"))
     assert vx.error_budget(vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0])).largest["total"] == 0.0
 

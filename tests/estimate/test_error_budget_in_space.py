@@ -41,7 +41,7 @@ def measure_effectivity(poisson, family, n):
     [
         (0.3, "cubes", (3,)),
         (0.3, "tetrahedra", (3,)),
-        # With 3 or 5 cubes along a side, the pressure has an alternating error, ten times as large as the pressure.
+        # With 3 or 5 cubes along a side, the error of the pressure alternates, and is ten times the pressure.
         (0.4999, "cubes", (3, 5)),
         (0.4999, "voronoi3", (4,)),
         *(
@@ -146,7 +146,7 @@ def scenes():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_effectivity_on_scenes(name):
-    """Cubes of side 1/20 are the reference: the distance to their solution is at least .95 of the true error."""
+    """The reference has cubes of side 1/20."""
     scene, mesh = scenes()[name]
     times = np.linspace(0.0, 1.0, 5)
     history, fine = (vx.simulate(scene, mesh(n), times, store="last") for n in (4, 20))

@@ -76,9 +76,9 @@ def hats(points):
 @pytest.mark.parametrize(("first", "second"), [("squares", "triangles"), ("triangles", "squares")])
 @pytest.mark.parametrize("kind", ["exact", "projected"])
 def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kind):
-    """On three columns of cells, the interpolant of |x - 1/2| has the slopes -1, 0, 1; on two columns, -1 and 1.
+    """Interpolants of |x - 1/2| have the slopes -1, 0, 1 on three columns of cells, and -1, 1 on two columns.
 
-    These slopes differ by 1 on the middle third, so that the squared distance is (lambda + 2 mu) / 3.
+    The slopes differ by 1 on a third of the square, so the squared distance is (lambda + 2 mu) / 3.
     """
     a, b = field(mesh_of(first, 2), hats), field(mesh_of(second, 3), hats)
     C = LAM + 2 * MU
@@ -129,7 +129,7 @@ def test_distances_use_the_moduli_of_the_first_mesh():
 
 
 def test_nodal_distance_is_the_norm_of_the_stiffness_matrix(family):
-    """Both fields have the same mesh, so that interpolation changes nothing."""
+    """Both fields have the same mesh."""
     from vemcvx.vem import Space, stiffness
 
     a, b = field(mesh_of(family, 5), wavy), field(mesh_of(family, 5), other)

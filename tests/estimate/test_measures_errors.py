@@ -18,7 +18,7 @@ def field(mesh, values):
 
 
 def along(values):
-    """Return a function of the number of columns, which returns an array: first the values, then columns of zeros."""
+    """Return a function of the width that adds columns of zeros to the column `values`."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 
@@ -77,7 +77,7 @@ def test_orders_of_powers_are_their_exponents():
 
 @mostly_long("kind", ["exact", "projected"])
 def test_nested_triangles_satisfy_galerkin_orthogonality(kind):
-    """Under one load, |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
+    """Nested spaces satisfy |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2."""
     scene = vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3), vx.Clamp(on="right"), vx.Traction(paper_load(monotone), on="left")
     )

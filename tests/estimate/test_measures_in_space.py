@@ -47,7 +47,7 @@ def test_affine_fields_have_no_distance_and_no_error(name):
 
 
 def test_distances_of_nested_meshes_are_exact():
-    """Strains are constant on the fine cubes, each of which is an eighth of a coarse cube."""
+    """Strains are constant on cubes."""
     coarse, fine = field(vx.meshes.cubes(2), wavy), field(vx.meshes.cubes(4), wavy)
     number = (fine.mesh.centroids // 0.5).astype(int)
     own = np.argmin(np.linalg.norm(coarse.mesh.centroids - 0.5 * number[:, None] - 0.25, axis=2), axis=1)

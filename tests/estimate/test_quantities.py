@@ -14,7 +14,7 @@ SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 def rubbed(plate, mesh, end=1.0, coefficient=0.3):
-    """Return a function that maps a number of steps to a run: plate(t) moves the top of a body on a rough floor."""
+    """Return a function from step counts to runs. The top of a body moves by plate(t)."""
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile(plate(t), (len(x), 1)), on="top"),
@@ -85,7 +85,7 @@ def test_estimated_errors_of_steps_are_one_to_five_times_the_true_errors(name):
 
 @pytest.mark.long
 def test_estimated_errors_of_the_mesh_are_one_to_five_times_the_true_errors():
-    """The reference has squares of side 1/40. Wear is left out, because it grows without limit at a corner."""
+    """The reference has squares of side 1/40. Wear is left out, because wear is unbounded at a corner."""
     steps = 8
     truth = final_values(pad(steps, 40))
     for n in (5, 10):

@@ -25,7 +25,7 @@ def measure_effectivity(case):
 
 @cache
 def simulated(scene, kind, *args):
-    """Return the reference run of a scene on the fine mesh kind(*args), computed once for all its cases."""
+    """Return the reference run of a scene on the mesh kind(*args)."""
     return vx.simulate(scene(), kind(*args), TIMES, store="last", check=False)  # Slender cells lose digits.
 
 

@@ -18,13 +18,13 @@ from vemcvx.stepping.course import sample_course
 
 MOST = 5.0
 NOISE = 1e-6
-"""Relative errors below this number come from the solver, which solves Coulomb's law to 1e-8 per step."""
+"""Relative errors below this number are errors of the solver."""
 
 
 def compare_steps(scene, mesh, times, initial=None, parts=24):
-    """Return the largest estimated error of the steps divided by the largest true error, and the relative true error.
+    """Return (estimated error) / (true error) of the steps, and the relative true error.
 
-    The reference run has `parts` steps in each step of the run, and further instants where data bend or jump.
+    The reference run has `parts` steps per step, and further instants where data bend or jump.
     """
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
@@ -93,7 +93,7 @@ def find_course(scene, times=(0.0, 1.0)):
 
 @pytest.mark.long
 def test_tops_of_smooth_data_are_found():
-    """The load is largest at .401, near the instant .4, so that halved steps alone would not show the error."""
+    """The load is largest at .401, near the instant .4."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
     assert np.abs(find_course(scene, times).bends - top).min() <= 1e-9
@@ -128,7 +128,7 @@ def test_the_estimate_does_not_depend_on_the_stored_steps(lifted, initial):
 
 
 def measure_effectivity(seed):
-    """Return the effectivities of the whole budget and of its time part, and the true relative time error."""
+    """Return effectivities of the whole budget and of the time part, and the relative time error."""
     scene, initial = feature_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)

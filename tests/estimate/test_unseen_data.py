@@ -67,7 +67,7 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return (estimated error) / (true error), where the true error has the moduli of the mesh of `truth`."""
+    """Return (estimated error) / (true error), with the moduli of `truth`."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:
@@ -90,7 +90,7 @@ def test_data_between_nodes_are_in_the_estimate(name):
 @pytest.mark.long
 @pytest.mark.parametrize("n", [4, 8, 16])
 def test_tractions_with_waves_as_long_as_an_edge_are_in_the_estimate(n):
-    """The traction is the same at all nodes. Quadrature has an error in the mean of each wave, for every n."""
+    """The traction is the same at all nodes, and quadrature has an error for every n."""
 
     def drive(x, t):
         phase = 2 * np.pi * n * x[:, 0]

@@ -1,12 +1,13 @@
 """Explicit displacements inside polygons, in place of virtual functions.
 
-In each cell the displacement is continuous, and of degree 2 on every part of the split fan (:mod:`.fan`). Degree 2
-does not lock on this split (Scott and Vogelius on Alfeld's split). The displacement minimises energy minus work of the
-body force, for given values at the vertices and edge midpoints of the polygon, the outline.
+A polygon is divided into triangles, and each triangle into three parts (:mod:`.fan`). The displacement is continuous,
+and quadratic on each part. Quadratic functions do not lock on these parts (Scott and Vogelius). The *outline* is the
+vector of values at the vertices and edge midpoints of the polygon. For a given outline, the displacement minimises the
+energy minus the work of the body force.
 
 A triangle of the fan has ten nodes: corners 0 to 2, edge midpoints 3 to 5, centroid 6, and midpoints 7 to 9 between
-corners and centroid. Edge k goes from corner k to corner k + 1. All nodes inside the polygon are condensed. Let x be
-the values on the outline and the coefficients of the body force. The least value is x'M x / 2, with a matrix M.
+corners and centroid. Edge k goes from corner k to corner k + 1. The vector x contains the outline and the coefficients
+of the body force. The minimum is x'M x / 2 with a matrix M.
 """
 
 from __future__ import annotations
@@ -36,7 +37,6 @@ NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in ra
 
 
 def _extend(values: Floats, part: int) -> Floats:
-    """Return the values of all ten functions of a triangle on one part."""
     found = np.zeros((*values.shape[:-1], 10))
     found[..., NODES[part]] = values
     return found
@@ -55,7 +55,7 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRI
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the matrix M (26, 26) of each triangle: 8 inner and 12 outer displacements, 6 body forces."""
+    """Return the forms (c, n, 26, 26) of triangles, in displacements and forces."""
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
@@ -70,21 +70,21 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of the outer unknowns of triangles in the cell."""
+    """Return the positions (n, 12) of triangle unknowns in the vector of a cell."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
-    # Order in the cell: centre, midpoints of spokes, vertices, midpoints of edges.
+    # Order in the cell: centre, midpoints between centre and vertices, vertices, edge midpoints.
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(n, 12)
 
 
 def displacement_form(fans: Fans) -> Floats:
-    """Return the matrix M (4 n + 6, 4 n + 6) of each shape of cells."""
+    """Return the matrices M (k, 4 n + 6, 4 n + 6) of k cell shapes."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Return the strains (c, 3) of the linear parts of displacements, and the rest (c, 4 n)."""
+    """Return mean strains (c, 3), and outlines (c, 4 n) without their linear parts."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)
@@ -96,7 +96,7 @@ def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def to_edges(n: int) -> Floats:
-    """Return the matrix L (4 n, 4 n) from displacements of an outline to edge motions."""
+    """Return the matrix L (4 n, 4 n) from outlines to edge motions (:mod:`.equilibrium`)."""
     vertices, middles = np.split(np.eye(4 * n), 2, axis=1)
     here = vertices.reshape(-1, n, 2)
     ahead = np.roll(here, -1, axis=1)

@@ -1,16 +1,15 @@
 """Stresses of least energy in equilibrium with given forces, by a hybrid method (B. Fraeijs de Veubeke, 1965).
 
-Let u_D be the displacement of supports, sigma_0 the prestress, and C the elastic tensor. Among the stresses tau of
-:mod:`.stress` in equilibrium with all loads, we compute the minimiser of
+Let u_D be the displacement of supports, n the outward normal, sigma_0 the prestress, C the elastic tensor, and (., .)
+the integral of a product. The stress tau of :mod:`.stress` is in equilibrium with all loads, and minimises
 
     (tau, C^-1 tau) / 2  -  int over supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
 
-The unknowns are edge motions m, linear on every edge, with jumps at vertices. A cell with the stiffness matrix G
-exerts the forces G m on edges, and constant forces due to loads and sigma_0. On every edge, the forces of both cells
-cancel.
+The unknowns are edge motions m. They are linear on edges, and may jump at vertices. A cell with the matrix G exerts the
+forces G m on edges, and further forces due to loads and sigma_0. On every edge, the forces of both cells cancel.
 
-Let v be the displacement of the run. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v
-as on v. We compute x = m - L v, which has smaller rounding errors than m.
+Let v be the displacement of the run. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v as
+on v. We compute x = m - L v, which has smaller rounding errors than m.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ HALF_DIGITS = float(np.sqrt(EPS))
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The E edges of a mesh; the first end has the smaller node number."""
+    """The E edges of a mesh. The first end has the smaller node number."""
 
     count: int
     places: tuple[Ints, ...]  # positions (c, 4 n) of the edge motions, for each chunk of cells
@@ -78,9 +77,9 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return x = P y with P' (G x - `given`) = 0, up to rounding errors of the largest force."""
+        """Return x = P y with P' G x = P' f for the forces f = `given`."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
-        # Near nu = 1/2, several corrections gain one digit. Stop if the residual is not halved.
+        # Stop if a correction does not halve the residual.
         while ROUNDING * largest < apart <= 0.5 * before:
             before, x = apart, x + self.P @ self.factor.solve(self.P.T @ left)
             left = given - self.forces(x)
@@ -104,7 +103,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     P = _free_motions(edges, boundary)
     each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
     K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
-    # A small multiple of the diagonal anchors a floating body; `solve` removes the error.
+    # The matrix K of a floating body is singular. The method `solve` corrects the effect of the added diagonal.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)
@@ -124,7 +123,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
     inner, joints, own = np.ones(4 * edges.count, dtype=bool), boundary.edges.joints, boundary.free.copy()
     inner[edges.outer] = False
     alone = np.flatnonzero(inner)
-    # In bonded directions, the two edges of a joint have the same motions.
+    # Opposite edges of an interface have the same motions in bonded directions.
     for side in (joints.first, joints.second):
         own[side] -= boundary.bonds
     (one, axes), (joint, common) = axes_of(own), axes_of(boundary.bonds)
@@ -139,7 +138,7 @@ def _free_motions(edges: Edges, boundary: Boundary) -> sp.csr_matrix:
 
 
 def axes_of(projectors: Floats) -> tuple[Ints, Floats]:
-    """Return the axes of all projectors: the index of the projector, and a unit vector, for each axis."""
+    """Return projector indices (k,), and unit vectors (k, d) that span the ranges."""
     values, vectors = np.linalg.eigh(projectors)
     which, axis = np.nonzero(values > 0.5)
     return which, vectors[which, :, axis]

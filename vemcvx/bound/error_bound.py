@@ -26,36 +26,36 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBound(Outlined):
-    """Bounds on the distance |u - v|_a, in the energy norm, of the exact displacement u from the computed v.
+    """Bounds on the error |u - v|_a in the energy norm, for the exact displacement u and the computed v.
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
-    exact history. It starts at v or, with initial="equilibrium" or "settled", at rest under the loads.
+    exact history. It begins at v or, with initial="equilibrium" or "settled", in exact equilibrium with the loads.
 
     Attributes
     ----------
     steps : (S,) int
         The examined steps.
     upper, lower : (S,)
-        Upper and lower bounds on |u - v|_a; numbers for a single step. For whole histories, `lower` is zero.
+        Bounds on |u - v|_a. For a single step they are numbers. For whole histories, `lower` is zero.
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
-        Bounds on the minimum of (energy) - (work of loads) + (cost of friction) in a step. The bounds are infinite for
-        whole histories, and for data that are not linear on edges and in cells.
+        Bounds on the minimum J(u) of a step (:mod:`vemcvx.bound`). The bounds are infinite for whole histories, and for
+        data that are not linear on edges and in cells.
     cells : (n_cells,)
         Contributions of the cells to the square of the largest upper bound.
     parts : mapping of str to (S,)
         Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
         the laws of friction and contact. "data": the estimated effect of data that are not linear on edges, in cells,
         or in time between instants. "algebra": the certified error of the solver, included in the other parts.
-        For whole histories, also "steps": y_n of :mod:`vemcvx.bound.whole_history`.
+        For whole histories, also "steps": the bound y_n on the stress error (:mod:`vemcvx.bound.whole_history`).
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str
-        "bound": a theorem; the data passed the test of linearity in :mod:`vemcvx.bound.reading`. "bound for data as
-        read at points": `upper` contains the estimate "data". "bound for the given friction": the weights of friction
-        follow the computed pressure. "bound for data as read at instants": data are not linear within steps.
+        "bound": a theorem. "bound for data as read at points": `upper` contains the estimate "data". "bound for the
+        given friction": friction bounds follow from the computed pressure. "bound for data as read at instants": data
+        are not linear within steps.
     history : History
         The run.
 
@@ -92,7 +92,7 @@ class ErrorBound(Outlined):
         return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
 
     def as_fields(self) -> dict[str, Any]:
-        """Return the corresponding fields of a history: `bound`, `energy_bounds` and `cell_bounds`."""
+        """Return the fields `bound`, `energy_bounds` and `cell_bounds` of a history."""
         energies = np.full((self.history.steps + 1, 2), np.nan)
         energies[0] = self.history.trajectory.energy[0]
         energies[self.steps] = np.column_stack([np.atleast_1d(side) for side in self.energy])
@@ -107,7 +107,7 @@ class ErrorBound(Outlined):
         return {name: float(np.atleast_1d(values)[k]) for name, values in each.items()} | {"kind": self.kind}
 
     def outline(self) -> Outline:
-        """Return the outline for prompts and notebooks: the step with the largest bound."""
+        """Return the outline of the step with the largest bound."""
         worst, k = self.largest, int(np.argmax(self.upper))
         low, high = (np.atleast_1d(one)[k] for one in self.energy)
         lines = [
@@ -138,15 +138,14 @@ def error_bound(
     history : History
     step : int, optional
         A stored step whose predecessor was also stored; -1 is the last step. A quantity requires a step. Without a
-        step, the bounds hold for the whole history: all steps must be stored, and contact must be bilateral with given
-        weights of friction (BilateralContact, TrescaFriction). A warning lists instants inside steps at which data are
+        step, the bounds hold for the whole history. All steps must then be stored, and contact must be bilateral with a
+        given friction bound (BilateralContact, TrescaFriction). A warning lists instants inside steps at which data are
         not linear in time.
     of : Effect or sequence of Effect, optional
-        A linear quantity, given as the load whose work equals the quantity: ``Traction((1.0 / length, 0.0), on="top")``
-        is the mean displacement along x of a side, ``BodyForce((1.0 / area, 0.0))`` the mean over the body, and
-        ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain xx of the body. A PrescribedDisplacement on a support
-        gives the work of the support force: for the displacement ``(1.0, 0.0)``, this work is the force along x. A
-        sequence gives the sum.
+        A linear quantity, given as the load whose work equals the quantity. ``Traction((1.0 / length, 0.0), on="top")``
+        gives the mean of u_x on the top, ``BodyForce((1.0 / area, 0.0))`` the mean of u_x over the body, and
+        ``Prestress((-1.0 / area, 0.0, 0.0))`` the mean strain e_xx. ``PrescribedDisplacement((1.0, 0.0), on="left")``
+        gives the force along x of the support on the left. A sequence gives the sum.
 
     Returns
     -------
@@ -195,7 +194,7 @@ def pairs_of(circle: Hypercircle, history: History, steps: Sequence[int]) -> lis
 
 
 def bound_steps(history: History, steps: Sequence[int], pairs: Sequence[Pair]) -> ErrorBound:
-    """Return the bounds of steps, given a pair (displacement, stress) for each step."""
+    """Return the bounds of steps, given the pairs (displacement, stress)."""
     at, circle = np.array(steps), pairs[0].circle
     eta = np.array([pair.read.eta for pair in pairs])
     names = "upper", "norm", "potential", "lower", "A2", "law_defect"

@@ -1,14 +1,14 @@
-"""The fan of a star-shaped polygon: triangles around a centre. Each triangle is split at its centroid (Alfeld).
+"""The fan of a star-shaped polygon: triangles around a centre, each split at the centroid into three parts.
 
-Let c be the centre and x_i the vertices. A fan triangle is the image x = c + B x^ of the reference triangle (0,0),
-(1,0), (0,1), where B has the columns x_i - c and x_{i+1} - c. Fields are polynomials of degree 2 on each part, given by
-values at six points of the part, the *stations*.
+Let c be the centre and x_i the vertices. The matrix B has the columns x_i - c and x_{i+1} - c. The map c + B x^ takes
+points x^ of the reference triangle (0,0), (1,0), (0,1) to a triangle of the fan. Fields are quadratic on each part,
+with values at six *stations*: three corners, and three edge midpoints.
 
-A body force is f = a_0 + x a_1 + y a_2 in each cell, where (x, y) is the position relative to the centre. Let lambda_k
-be the barycentric coordinates of a triangle. The forces on the triangle are F_k = int f lambda_k.
+The body force in a cell is f = a_0 + x a_1 + y a_2, with coordinates x and y relative to the centre. Let lambda_k be
+the barycentric coordinates of a triangle. The forces on the triangle are F_k = int f lambda_k.
 
-Unknowns inside a cell are eliminated. The remaining symmetric matrix is the *form* of the cell. With n vertices, it has
-4 n rows for the outline and 6 rows for f.
+The *form* of a cell is the matrix of an energy after all unknowns inside the cell are eliminated. With n vertices, the
+form has 4 n rows for values on edges, and 6 rows for a_0, a_1 and a_2.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from vemcvx.vem import Space
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])  # corners of each part; number 3 is the centroid
-FORCES = 6  # coefficients of a linear body force in a cell
+FORCES = 6  # number of coefficients of the body force in a cell
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return one cell of each group with equal arrays, and the group number of each cell."""
+    """Return representatives of groups with equal arrays, and the group numbers (c,)."""
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    # If most of the first cells differ, each cell is its own group.
+    # If most of the first 64 cells differ, no cells are grouped.
     if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), np.arange(len(rows))
     _, some, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
@@ -56,7 +56,7 @@ TRIANGLES = np.concatenate([CORNERS, CORNERS.mean(axis=0)[None]])[PARTS]
 STATIONS = np.concatenate([TRIANGLES, 0.5 * (TRIANGLES + np.roll(TRIANGLES, -1, axis=1))], axis=1)
 """The stations (3, 6, 2): in each part three corners, then three middles of edges."""
 COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
-"""The coefficients (3, 6, 6) of the six Lagrange functions of each part."""
+"""The monomial coefficients (3, 6, 6) of the Lagrange functions on parts."""
 RULE, RULE_WEIGHTS = np.stack([RADON_POINTS @ part for part in TRIANGLES]), np.tile(RADON_WEIGHTS / 6.0, 3)
 """Radon's points (3, 7, 2) in the three parts, and weights (21,): exact for degree 5."""
 _LAGRANGE = monomials(RULE[0]) @ COEFFICIENTS[0]
@@ -68,7 +68,7 @@ LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class Fans:
-    """The fans of cells with equally many vertices: c cells of n triangles each."""
+    """The fans of c cells with n vertices."""
 
     cells: Ints  # (c,) cell numbers
     nodes: Ints  # (c, n) vertices
@@ -78,7 +78,7 @@ class Fans:
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """One cell of each shape, and the shape number (c,) of each cell."""
+        """Cells with distinct corners or C, and the shape numbers (c,) of all cells."""
         return distinct([self.corners, self.C])
 
     def expand(self, matrices: Floats) -> Floats:
@@ -88,12 +88,12 @@ class Fans:
 
     @property
     def shapes(self) -> Fans:
-        """The fans of one cell of each shape."""
+        """The fans of the distinct cells in `alike`."""
         rows = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """Return the products of matrices, one per shape, with the vectors of cells."""
+        """Multiply the vectors of cells by matrices, one per shape."""
         if len(matrices) == 1:
             return np.asarray(data @ matrices[0].T)
         return np.asarray(np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0])
@@ -133,7 +133,7 @@ class Fans:
 
     @cached_property
     def normals(self) -> Floats:
-        """The outward normals (c, n, 2) of the outer edges, each as long as its edge."""
+        """The outward normals (c, n, 2) of outer edges, as long as the edges."""
         return right_of(np.roll(self.corners, -1, axis=1) - self.corners)
 
     @cached_property
@@ -143,7 +143,7 @@ class Fans:
 
     @cached_property
     def gradients(self) -> Floats:
-        """The mean gradients (c, 2 n, 2) of the quadratic Lagrange functions of outline points."""
+        """The mean gradients (c, 2 n, 2) of quadratic basis functions on the outline."""
         both = self.normals + np.roll(self.normals, 1, axis=1)
         return np.asarray(np.concatenate([both, 4.0 * self.normals], axis=1) / (6.0 * self.areas[:, None, None]))
 
@@ -158,15 +158,15 @@ class Fans:
 
 
 def condense(M: Floats, first: int) -> Floats:
-    """Return the Schur complements of symmetric matrices without the `first` unknowns."""
-    # Explicit inverses leave only five digits near nu = 1/2.
+    """Eliminate the leading `first` unknowns from symmetric matrices."""
+    # Explicit inverses lose digits near nu = 1/2.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     return np.asarray(0.5 * (left + left.swapaxes(-1, -2)))
 
 
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
-    """Return the forms of cells, given matrices of triangles and the positions `slots` of unknowns."""
+    """Return the forms of cells, given triangle matrices and positions of unknowns."""
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
     by_force = np.zeros((*each.shape[:2], 18, 12 + FORCES))
@@ -179,7 +179,7 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """Return the vector (size,) with the values of all chunks added at `places`."""
+    """Add the values of all chunks to a vector (size,) at `places`."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 

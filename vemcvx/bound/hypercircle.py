@@ -1,29 +1,26 @@
 """The hypercircle: an admissible displacement v and an admissible stress tau, with bounds on the error of v.
 
-Source: W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947). Theorems 1 and 2 of :mod:`vemcvx.bound` contain
+Source: W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947). :mod:`vemcvx.bound` has the theorems.
 
-    j(v) = int (g |v_t - d| + phi(v_n - gap))
-
-with the friction bound g, the slip v_t - d in the step, and the energy phi of obstacles. Obstacles of stiffness k have
-phi(z) = k z_+^2 / 2. For rigid obstacles, phi is 0 for z <= 0, and infinite for z > 0.
-
-**The defect** is r = tau - sigma_0 - C eps(v) with the prestress sigma_0. Motions m of edges determine the stress tau
-(:mod:`.equilibrium`). The matrix L (`to_edges`) maps v to edge motions: every linear traction does the same work on v
-and on L v. In a cell K, let x = m - L v, and let f be the coefficients of the body force. The outline of v consists of
-the values at vertices and middles of edges. Let y be the outline of v - v_1, where v_1 is linear and has the same mean
-strain. With the forms G of stresses (:mod:`.stress`) and S of displacements (:mod:`.displacement`)
+**The defect** is r = tau - sigma_0 - C eps(v), with the elastic tensor C and the prestress sigma_0. Edge motions m
+determine the stress tau (:mod:`.equilibrium`). The matrix L maps v to edge motions L v (`to_edges`). Linear tractions
+do the same work on v and on L v. In a cell K, let x = m - L v, and let f be the coefficients of the body force. The
+outline of v consists of the values at vertices and middles of edges. Let v_1 be a linear function with the mean strain
+of v, and y the outline of v - v_1. With the forms G of stresses (:mod:`.stress`) and S of displacements
+(:mod:`.displacement`)
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f),        L (y, f) := (L y, f).
 
-*Proof.* Without prestress, let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Then
-r = tau_x + r_0 with r_0 = tau_0 - C eps(v). The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same work
-on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So (tau_x, C^-1 r_0) = 0.
-If y replaces v, r_0 does not change. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2, where (tau_0, eps(v)) is
-the work of f and of the tractions of tau_0 on v.
+*Proof.* Let sigma_0 = 0. Let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. With
+r_0 = tau_0 - C eps(v) we have r = tau_x + r_0. The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same
+work on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So
+(tau_x, C^-1 r_0) = 0. If y replaces v, r_0 does not change. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2,
+where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
 
-**The lower bound** is R(w) / |w| with the residual R of Theorem 2. We use displacements w that are quadratic on edges,
-have least energy inside cells, and vanish on supports and on edges with friction, obstacles or bonds. For the best w,
-a(w, z) = R(z) for all z of this kind, so that R(w) / |w| = |w|. The displacement v + w is called *richer*.
+**The lower bound** is R(w) / |w| with the residual R of Theorem 2. Let W be the space of displacements that are
+quadratic on edges, have least energy inside cells, and vanish on supports and on edges with friction, obstacles or
+bonded bodies. We compute w in W with a(w, z) = R(z) for all z in W. So the lower bound is |w|. The displacement v + w
+is called *richer*.
 """
 
 from __future__ import annotations
@@ -52,10 +49,10 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms (k, 4 n + 6, 4 n + 6) of k shapes of cells. The mesh has E edges."""
+    """The forms (k, 4 n + 6, 4 n + 6) of k cell shapes."""
 
     fans: Fans
-    outlines: Ints  # (c, 4 n) positions of the values of each cell in `Defect.outline`
+    outlines: Ints  # (c, 4 n) positions of cell outlines in `Defect.outline`
     stress: Floats  # G, for edge motions and body force
     displacement: Floats  # S, for values at vertices and middles, and body force
 
@@ -68,13 +65,13 @@ class Forms:
         return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """Return one . M other for each cell, where M is the matrix of its shape."""
+        """Return the products one . M other (c,) with the matrices M of cells."""
         return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 
 @dataclass(frozen=True, eq=False)
 class Defect:
-    """The defect r = tau - sigma_0 - C eps(v)."""
+    """The defect r = tau - sigma_0 - C eps(v) on a mesh with E edges."""
 
     motion: Floats  # (4 E,) edge motions x
     outline: Floats  # (2 nodes + 2 E,) values of v at vertices and middles of edges
@@ -86,7 +83,7 @@ class Defect:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pair:
-    """An admissible displacement and an admissible stress at an instant, and their defect."""
+    """An admissible displacement v and an admissible stress tau at an instant."""
 
     circle: Hypercircle
     t: float
@@ -97,7 +94,7 @@ class Pair:
     defect: Defect
     w: Floats  # (2 nodes + 2 E,) values of w at vertices and middles of edges
     cells: Floats  # (n_cells,) |r|_K^2
-    potential: float  # J(v)
+    potential: float  # J(v) of vemcvx.bound
     norm: float  # |v|_a
     lower: float  # lower bound of |u - v|_a
 
@@ -109,7 +106,7 @@ class Pair:
 
     @cached_property
     def richer_A2(self) -> float:
-        """A^2 of the pair with v + w in place of v."""
+        """The squared norm |r|^2 with v + w in place of v."""
         return float(self.circle.squares(self.richer).sum())
 
     def work_of(self, load: Pair) -> float:
@@ -123,7 +120,7 @@ class Pair:
 
     @property
     def A2(self) -> float:
-        """A^2, the sum of |r|_K^2 over all cells."""
+        """The squared norm |r|^2."""
         return float(self.cells.sum())
 
     @property
@@ -139,13 +136,13 @@ class Pair:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hypercircle:
-    """The operators that construct the pairs of a posed scene."""
+    """Operators that compute pairs for a posed scene."""
 
     posed: PosedScene
     boundary: Boundary
     forms: tuple[Forms, ...]
     equilibrium: Equilibrium
-    free: sp.csr_matrix  # (2 nodes + 2 E, m) orthonormal basis of the displacements w
+    free: sp.csr_matrix  # (2 nodes + 2 E, m) orthonormal basis of the space W
     factor: Factor | None  # factor of S in the basis `free`; None for an empty basis
 
     def pair(self, now: Instant, before: Instant) -> Pair:
@@ -194,13 +191,13 @@ class Hypercircle:
         )
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Return the forces at vertices and middles that are equivalent to `forces` on outer edges."""
+        """Map forces on outer edges to equivalent forces at vertices and middles."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return the forces of v, f and the prestress on edges, and on vertices and middles."""
+        """Return forces on edges, and forces at vertices and middles."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])
@@ -221,19 +218,19 @@ class Hypercircle:
         left = self.free.T @ residual
         part = self.factor.solve(left)
         w, work = self.free @ part, float(left @ part)
-        # Near nu = 1/2, rounding separates the energy from `work`.
+        # Near nu = 1/2, |w|^2 and `work` differ by rounding errors.
         energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 
     def _inner(self, one: Forms, v: Floats, w: Floats) -> Floats:
-        """Return a(v, w) in each cell of a chunk, without body force."""
+        """Return a(v, w) (c,) in the cells of a chunk."""
         n = 4 * one.fans.n
         (of_v, bent_v), (of_w, bent_w) = (split_outline(one.fans, each[one.outlines]) for each in (v, w))
         linear = np.einsum("ck,ckl,cl->c", of_v, one.fans.C, of_w)
         return one.fans.areas * linear + one.forms(one.displacement[:, :n, :n], bent_v, bent_w)
 
     def products(self, one: Defect, other: Defect) -> tuple[Floats, Floats]:
-        """Return a(v, v') and (r, C^-1 r') in each cell, for the defects r of v and r' of v'."""
+        """Return a(v, v') and (r, C^-1 r') of two defects, in each cell."""
         energies, defects = np.zeros((2, len(self.boundary.edges.mesh.areas)))
         for form, place in zip(self.forms, self.equilibrium.edges.places, strict=True):
             at, n = form.fans.cells, 4 * form.fans.n

@@ -1,33 +1,33 @@
-"""Bounds on a linear quantity, by the parallelogram of two hypercircles.
+"""Bounds on a linear quantity, by two hypercircles.
 
-A load defines the quantity q(u): the work of its tractions, pressures, body forces and prestress on the displacement u.
-With a prescribed displacement -z_D of supports, q(u) includes the work of the support forces on -z_D. The symbols v,
-tau, sigma, sigma_0, r, A and b are those of :mod:`vemcvx.bound`, and e = u - v.
+The quantity q(u) is the work of a load on the displacement u. If the quantity also prescribes a displacement u_D of
+supports, q(u) includes the work of support forces on u_D. As in :mod:`vemcvx.bound`, u and sigma are exact, and v and
+tau are admissible. With the elastic tensor C and the prestress sigma_0, r = tau - sigma_0 - C eps(v) has the norm A.
+The laws of friction and contact have the defect b. Let e = u - v.
 
-The dual solution z satisfies a(z, w) = q(w) for all admissible w, and z = z_D on supports. The dual pair is a
-displacement z_h and a stress tau_z in equilibrium with q. The defect of the dual pair is r_z, with the norm A_z. Let
-T(w) be the work on w of the loads, friction and pressure that are in equilibrium with tau. Then
+The dual pair is a displacement z_h with z_h = z_D := -u_D on supports, and a stress tau_z in equilibrium with the load
+of q. The defect of the dual pair is r_z, with the norm A_z. Let T(w) be the work on w of the loads, friction and
+pressure that are in equilibrium with tau. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
     (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma.
 
-Let d = C eps(e) - r / 2. Because |e|^2 <= (r, eps(e)) + b, we have |d|^2 <= A^2 / 4 + b. So q(u) differs from
+Let d = C eps(e) - r / 2. The proof of Theorem 1 shows |e|^2 <= (r, eps(e)) + b. So |d|^2 <= A^2 / 4 + b, and q(u)
+differs from
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 
-by at most A_z (A^2 / 4 + b)^{1/2}, the half width. Without friction and contact, this is |r| |r_z| / 2 (K. Washizu, J.
-Math. Phys. 32 (1953); M. Ainsworth and J. T. Oden, *A Posteriori Error Estimation* (2000), chapter 8).
+by at most A_z (A^2 / 4 + b)^{1/2}, the half width of the interval. Without friction and contact, the half width is
+|r| |r_z| / 2 (K. Washizu, J. Math. Phys. 32 (1953)).
 
-The proof assumes that the tractions of tau_z, apart from the loads of q, do no work on e, and that the work of sigma on
-z_h is T(z_h). This is true if z_h and the traction of tau_z are zero where friction and obstacles act. Where contact
-cannot open, tau_z may have a normal traction. If z_D moves an end of an edge with friction, the frictions of sigma and
-of tau can do different work on z_h. The half width then includes a bound on this difference. The bounds also hold for
-v + w and z_h + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
+The proof assumes that z_h and the traction of tau_z are zero where friction and obstacles act. Where contact cannot
+open, tau_z may have a normal traction. If z_D moves an end of an edge with friction, the frictions of sigma and tau can
+do different work on z_h. The half width then includes a bound on the difference. The bounds also hold for v + w and
+z_h + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
 
-Let l_0 be the load minus its linear fit, with the norm eta (:mod:`.reading`), and q_0 the quantity minus its linear
-fit. Without l_0 and q_0, q(u) changes by l_0(z_h), by q_0(u), and by at most A_z eta. The half width includes
-estimates of these three terms.
+Let l_0 be the load minus a linear fit, with the norm eta, and q_0 the quantity minus a linear fit (:mod:`.reading`).
+The half width includes an estimate of |l_0(z_h) + q_0(u)| + A_z eta.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class QuantityBound(Outlined):
-    """An interval for a linear quantity q(u) of the exact solution u of a step, given the state before the step.
+    """An interval for a linear quantity q(u), where u is the exact solution of a step from the computed state.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class QuantityBound(Outlined):
     value : float
         The quantity q of the computed displacement. It may be outside the interval.
     low, high : float
-        Ends of the interval. With Coulomb's law, friction bounds are those given by the pressure of the run.
+        Ends of the interval. With Coulomb's law, friction bounds follow from the computed pressure.
     reading : float
         The estimated part of the half width; zero if loads and quantity are linear on edges and in cells
         (:mod:`vemcvx.bound.reading`).
@@ -85,7 +85,7 @@ class QuantityBound(Outlined):
 
     @property
     def guaranteed(self) -> bool:
-        """True if `reading` is zero: no part of the interval is estimated."""
+        """True if `reading` is zero."""
         return self.reading == 0.0
 
     @property
@@ -94,7 +94,7 @@ class QuantityBound(Outlined):
         return max(self.high - self.value, self.value - self.low)
 
     def outline(self) -> Outline:
-        """Return the outline for prompts and notebooks: the interval, and its kind."""
+        """Return the outline for prompts and notebooks."""
         rest = f"for data as read at points; the half width includes the estimate {self.reading:.2g}"
         lines = [
             ("interval", f"{self.low:.8g} ... {self.high:.8g}, {'guaranteed' if self.guaranteed else rest}"),
@@ -144,7 +144,7 @@ class Dual:
         return cls(circle, effects, t)
 
     def motion(self, space: Space) -> Floats:
-        """Return z_D = -u_D (n_nodes, 2), where the quantity prescribes the displacement u_D."""
+        """Return z_D = -u_D (n_nodes, 2)."""
         supports = by_precedence([s for effect in self.effects for s in effect.contribute(space).supports])
         points = space.mesh.points
         if not supports:
@@ -199,7 +199,7 @@ class Dual:
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:
-        """Return the free unknowns that cause no slip where friction acts, and no normal motion at obstacles."""
+        """Return free unknowns (k,) on which friction and obstacles do no work."""
         posed, boundary, rows = self.primal.posed, self.primal.boundary, []
         for acts, ways in zip(boundary.acting, (boundary.edges.tangents, boundary.edges.units), strict=True):
             ends, across = boundary.edges.outer_edges[acts].ravel(), boundary.edges.joints.across[acts].ravel()
@@ -241,10 +241,10 @@ class Dual:
         return middle - width, middle + width
 
     def _unknown_work(self, pair: Pair) -> float:
-        """Return a bound on |int (q_sigma - q_tau) z_t| with the frictions q_sigma and q_tau."""
+        """Return a bound on the work of the friction difference on z_h."""
         boundary, edges, (bound, friction) = self.primal.boundary, self.primal.boundary.edges, pair.surface.laws
         most = np.max(bound + np.abs(friction), axis=1)
-        # On an edge, z_h + w_z is linear, plus a quadratic function that vanishes at the ends.
+        # On an edge, z_h + w_z is quadratic.
         numbered, values = self.primal.equilibrium.edges, self.pair.richer.outline.reshape(-1, 2)
         ends = values[edges.outer_edges]
         middles = values[len(values) - numbered.count + numbered.outer[:, 0, 0] // 4]
@@ -256,7 +256,7 @@ class Dual:
 
 def _allowance(primal: Pair, dual: Pair) -> float:
     """Return an estimate of |l_0(z_h) + q_0(u)| + A_z eta."""
-    # |v + w| <= |v| + |w|, and |w| is `lower`, the lower bound on |u - v|.
+    # |v + w| <= |v| + |w|, and |w| is `lower`.
     load, quantity = primal.read.eta, dual.read.eta
     works = load * (dual.norm + dual.lower) + quantity * (primal.norm + primal.lower)
     return works + float(np.sqrt(dual.richer_A2)) * load + quantity * (primal.upper + load)

@@ -1,23 +1,22 @@
 """Linear fits to the data of a scene, and the energies of the remainders.
 
-Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells.
-They are theorems if these data are linear on edges and in cells. Otherwise they are theorems for linear fits to the
-data, called the data *as read*.
+Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells. The
+bounds are theorems for linear fits to the values, called the data *as read*.
 
 A remainder is a datum minus the fit. On a displacement w, all remainders do the work l_0(w). The functional l_0 has the
-norm eta = sup l_0(w) / |w|, with the energy norm |w|. We estimate eta^2 by the sum of the following energies, with the
-shear modulus mu, the length l_e of an edge, and the longest side d_K of the box of a cell:
+norm eta = sup l_0(w) / |w|, with the energy norm |w|. We estimate eta^2 by the sum of the energies below. Here mu is
+the shear modulus, l_e the length of an edge, d_K the size of a cell (:func:`.skeleton.extents`), and w_t the slip of w.
+The L2 norms on an edge and in a cell are |.|_e and |.|_K.
 
     remainder of        work on w                    energy
     tractions t         int t . w                    l_e / (4 mu) |t|^2_e
     friction bounds g   int g |w_t|                  l_e / (4 mu) |g|^2_e
     body forces f       int f . w                    d_K^2 / (18 mu) |f|^2_K
-    gaps d              none; w changes by d         2 mu max |d|^2
+    gaps d              none                         2 mu max |d|^2
 
-The solutions for the data and for the fits differ by at most eta, also with friction. Poincare inequalities give at
-most l_e / (2 mu) |t|^2_e on an edge of a half space, and d_K^2 / (9 mu) |f|^2_K in a cell. On the half space, the exact
-value is (3 - 4 nu) / pi <= .96 times l_e / (2 mu) |t|^2_e. Half of the two values suffices, because remainders are
-orthogonal to linear functions. Changes of data between the evaluated points may be missed.
+The solutions for the data and for the fits differ by at most eta, also with friction. Poincare inequalities give twice
+the energies of t and f. We take half, because remainders are orthogonal to linear functions. Changes of data between
+the evaluated points may be missed.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ class Reader:
 
     @cached_property
     def fine(self) -> FineBoundary:
-        """The mesh with edges cut into pieces."""
+        """The mesh with boundary edges cut into pieces."""
         return fine_boundary(self.edges.mesh, self.edges)
 
     @cached_property
@@ -226,7 +225,7 @@ def varies_in_place(parts: Sequence[Contribution]) -> bool:
 def compare_stresses(
     posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the stress error of cell-wise constant data, and the elastic matrices, at points."""
+    """Return stress errors (q, m) of cell-wise constant data, and elastic matrices, at points."""
     (x, owner), material, dim = at, posed.material, posed.space.dim
     C_K, blocked_K = elastic_matrix(material.moduli, dim), material.thermal_stress_moduli
     C, blocked = C_K[owner], blocked_K[owner]

@@ -1,7 +1,7 @@
-"""The edges of a mesh with their cells, and the forces on boundary edges.
+"""The edges of a mesh, the states of a run, and normal forces between bonded bodies.
 
-Contact exerts the same normal force T on two opposite edges of an interface. If supports prescribe the normal jump,
-the run has no multiplier that gives T. On the edge of body i, let s_i be the normal force of the computed stress, mu_i
+Let T be the normal force on two opposite edges of an interface between bodies 1 and 2. If supports prescribe the normal
+jump, the run has no multiplier for T. On the edge of body i, let s_i be the normal force of the computed stress, mu_i
 the shear modulus, d_i the width of the cell across the edge, and w_i = d_i / (2 mu_i). We take the minimiser T of
 
     w_1 |T - s_1|^2 + w_2 |T - s_2|^2.
@@ -26,7 +26,7 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True)
 class Joints:
-    """The pairs of boundary edges (in space: faces) at interfaces."""
+    """The pairs of opposite boundary edges (in space: faces) at interfaces."""
 
     across: Ints  # (b, 2) nodes opposite to edges of first bodies, else -1; empty in space
     first: Ints  # (k,) edges or faces of first bodies
@@ -83,7 +83,7 @@ class Skeleton:
 
     @cached_property
     def sizes(self) -> Floats:
-        """The sizes h_K (n_cells,)."""
+        """The sizes (n_cells,) of cells (`extents`)."""
         return extents(self.owner, self.mesh.points[self.sides] - self.mesh.centroids[self.owner, None])
 
     @cached_property
@@ -102,16 +102,16 @@ class Skeleton:
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """Return u at ends of boundary edges, at interfaces minus u of the second body."""
+        """Return u at ends of boundary edges, and jumps of u at interfaces."""
         across = self.joints.across
         return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
 
 def extents(owner: Ints, arms: Floats) -> Floats:
-    """Return the sizes h_K of cells; the size of a box is the longest side.
+    """Return the sizes h_K (n_cells,) of cells.
 
-    h_K^2 is the largest eigenvalue of 12 / |K| int_K (x - c)(x - c)' dx, with the centroid c of the cell K. Simplex j
-    of cell `owner[j]` has the corners c and c + arms[j, i].
+    The size of a box is the longest side. In general, h_K^2 is the largest eigenvalue of 12 / |K| int_K (x - c)(x - c)'
+    dx, with the centroid c of the cell K. The cell `owner[j]` contains a simplex with the corners c and c + arms[j, i].
     """
     dim, count = arms.shape[2], int(owner.max()) + 1
     volumes = np.linalg.det(arms)
@@ -168,7 +168,7 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
 
 
 def body_forces(posed: PosedScene, t: float) -> Floats:
-    """Return the resultants of body forces in cells."""
+    """Return the resultants (n_cells, dim) of body forces in cells."""
     total = np.zeros((posed.space.mesh.n_cells, posed.space.dim))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:
@@ -178,7 +178,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values of contact rows at ends of boundary edges, zero without rows."""
-    # At interfaces, a held end has no row: it gets the value at the other end.
+    # At interfaces, an end that supports hold has no row, and gets the value at the other end.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -1,23 +1,24 @@
-"""Stresses in equilibrium on the fan of a polygon (Johnson and Mercier), from tractions on its edges.
+"""Stresses in equilibrium in a polygon, from tractions on the edges (Johnson and Mercier).
 
-A triangle is split at its centroid into three parts. Stresses are symmetric and linear on each part, with continuous
-tractions across inner edges. Linear tractions on the edges (12 numbers) and divergences on the parts (6 numbers)
-determine a stress if they are in balance (C. Johnson and B. Mercier, Numer. Math. 30 (1978)). Let e be an edge with the
-normal n. Stresses tau^ on the reference triangle are mapped by the matrix B of :mod:`.fan`:
+A polygon is divided into triangles, and each triangle into three parts (:mod:`.fan`). Stresses are symmetric and linear
+on each part, with continuous tractions between parts. Linear tractions on the edges of a triangle (12 numbers) and
+divergences on the parts (6 numbers) determine a stress if they are in balance (C. Johnson and B. Mercier, Numer. Math.
+30 (1978)). The matrix B of :mod:`.fan` maps a stress tau^ on the reference triangle to tau. Let n^ and n be the normals
+of an edge e^ and of the image e. Then
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B.
 
-A linear traction t is given by two integrals int t phi, where phi is 1 at one end of the edge and 0 at the other end. A
-linear body force f is given by F_k = int f lambda_k with barycentric coordinates lambda_k. On each part, f is the sum
-of a constant force and a rest. The constant forces have the same F_k as f. The rest causes stresses of degree 2 without
-tractions on edges.
+Two integrals int t phi determine a linear traction t on an edge, with linear functions phi that are 1 at one end and 0
+at the other. The integrals F_k = int f lambda_k determine a linear body force f, with barycentric coordinates lambda_k.
+On each part, f is the sum of a constant force and a rest. The constant forces have the same F_k as f. The rest causes
+stresses of degree 2 without tractions on edges.
 
-Let m be edge motions, linear on each edge. The stress of a triangle maximises
+Let m be edge motions, linear on each edge, and C the elastic tensor. The stress of a triangle maximises
 
     sum over edges  int tau n . m  -  (tau, C^-1 tau) / 2
 
-among the stresses in balance with f. This stress is linear in m and F. The maximum is half a quadratic form of m and F.
-Spokes are the edges at the centre of a fan. Both tractions on a spoke must cancel. So the motions of spokes drop out.
+among the stresses in balance with f. The maximum is half a quadratic form of m and F_k. On an edge at the centre of the
+fan, the tractions of both triangles must cancel. This condition eliminates the motions of the edge.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def reference() -> Floats:
         row = middles[part, side, component, part, :, component]
         row[3 + side], row[side], row[(side + 1) % 3] = 1.0, -0.5, -0.5
     two = np.eye(2)
-    # Integrals b, b' for two ends give |e| t = 4 b - 2 b' and 4 b' - 2 b.
+    # The integrals b and b' for both ends of e give |e| t = 4 b - 2 b' and 4 b' - 2 b at the ends.
     end_values = np.kron(np.eye(3), np.kron([[4.0, -2.0], [-2.0, 4.0]], two))
     shares = (1.0 / 3.0 + np.array([[1, 0, 1], [1, 1, 0], [0, 1, 1]])) / 18.0
     constants = np.linalg.inv(shares)
@@ -91,7 +92,7 @@ def reference() -> Floats:
 
 
 def _least(data: Floats) -> Floats:
-    """Return the stresses tau of degree 2 and least mean square with `_conditions` @ tau = `data`."""
+    """Return quadratic stresses tau of least norm with `_conditions` @ tau = `data`."""
     stacked = np.concatenate(_conditions(3))
     half = np.kron(np.eye(3), np.kron(np.linalg.cholesky(MASS), np.diag([1.0, 1.0, np.sqrt(2.0)])))
     weighed = np.linalg.inv(half).T
@@ -119,7 +120,7 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return the integrals of products of stress components, for all pairs of `_balance_data`."""
+    """Return integrals (9, 225) of stress products for pairs of `_balance_data`."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
@@ -146,8 +147,8 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions of each triangle's edge motions in the vector of a cell."""
-    # The last edge of a triangle is the next spoke, with its ends exchanged.
+    """Return positions (n, 12) of triangle motions in the vector of a cell."""
+    # The last edge of a triangle is the first edge of the next triangle, with ends exchanged.
     t = np.arange(n)[:, None]
     after = 4 * ((t + 1) % n)
     return np.concatenate([4 * t + np.arange(4), 4 * (n + t) + np.arange(4), after + np.array([2, 3, 0, 1])], axis=1)

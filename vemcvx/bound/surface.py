@@ -1,17 +1,17 @@
 """The surface of a body at an instant: supports, loads, and admissible tractions of friction and contact.
 
-Functions on edges are linear, and given by values at both ends. Loads and friction bounds are the fits of
-:mod:`.reading`.
+Functions on edges are linear, and given by values at both ends. Loads and friction bounds are linear fits to data
+(:mod:`.reading`).
 
 A displacement v has the normal component v_n, the slip s in the step, and the depth z = v_n - gap. The friction on the
 body is -q, with the bound g, and the pressure is p. A compliant obstacle has the stiffness k. Tractions with |q| <= g
-and p >= 0 are admissible. We take the multipliers of the run, divided by lengths and clipped to these limits. The
-defect of v, q and p in the laws of friction and contact is the sum of
+and p >= 0 are admissible. We divide the multipliers of the run by lengths, and clip the results to admissible values.
+With z_+ = max(z, 0), the defect of v, q and p in the laws of friction and contact is the sum of
 
     friction                rigid obstacles (z <= 0)        compliant obstacles
-    int (g |s| - q s),      int -p z,                       int (k z_+^2 / 2 + p^2 / (2 k) - p z),
+    int (g |s| - q s),      int -p z,                       int (k z_+^2 / 2 + p^2 / (2 k) - p z).
 
-Each integral is >= 0. Where s changes sign on an edge, the linear interpolation of |s| replaces |s|, and is larger.
+Each integral is >= 0. Where s changes sign on an edge, linear interpolation of |s| increases the integral.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Boundary:
     reader: Reader
 
     def _project_prescribed(self, joined: bool) -> Floats:
-        """Return projectors (b, 2, 2) on the directions of prescribed motions, or of jumps if `joined`."""
+        """Return projectors (b, 2, 2) on directions of prescribed motions or jumps."""
         squares, fine = np.zeros((len(self.edges.outer), 2, 2)), self.reader.fine
         for support in self.reader.supports:
             jumps = False if support.partners is None else support.partners >= 0
@@ -198,7 +198,7 @@ class Boundary:
             )
 
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
-        """Return the surface after a step, for the work `body` of body forces on `motions`."""
+        """Return the surface after a step, given the work `body` of body forces on `motions`."""
         tangents, units, lengths = self.edges.tangents, self.edges.units, self.edges.lengths
         g, slip, loads = self._friction_bound(now, read), self._slip(now, before), self.forces_of(read.tractions)
         q, rigid, soft = self._friction(now, g), self._pressing(now, False), self._pressing(now, True)
@@ -252,7 +252,7 @@ class Boundary:
                 motion = friction.ground.vector(now.t) - friction.ground.vector(before.t)
                 motion = np.einsum("md,md->m", motion, tangents_of(friction.normals)[:, 0])
                 way = self.reader.fine.tips(friction, motion[:, None])[..., 0]
-                # Frictions on an edge have one ground motion, which counts once.
+                # All frictions on an edge have the same ground motion.
                 moved = np.where(np.isfinite(way), way, moved)
         return along(self.edges.jumps(now.u - before.u), self.edges.tangents) - moved
 
@@ -307,7 +307,7 @@ class Boundary:
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # The work (2 b, j) of hat functions as tractions.
+        # The work (2 b, j) of hat-function tractions on rigid motions.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)
@@ -331,7 +331,7 @@ class Boundary:
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     """Return projectors (n_nodes, 2, 2) on the directions in which nodes can move alone."""
-    # P is orthonormal, so blocks of P P' have the eigenvalue 1 along these directions.
+    # P is orthonormal, so blocks of P P' have the eigenvalue 1 in these directions.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]

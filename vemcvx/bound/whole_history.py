@@ -1,25 +1,25 @@
-"""Bounds on the error of whole histories, for mesh and steps together, if friction has a given bound.
+"""Bounds on the error of whole histories due to mesh and steps, if friction has a given bound.
 
-At each instant, let u be the exact displacement, with the stress sigma. The displacement v and the stress tau are
-admissible, and r is the defect of this pair (:mod:`vemcvx.bound`). For X = tau - sigma and the elastic tensor C we have
-X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. Green's formula and
-Tresca's law give
+At each instant, u is the exact displacement, and sigma the exact stress. The displacement v and the stress tau are
+admissible, and r is the defect of v and tau (:mod:`vemcvx.bound`). Let X = tau - sigma, and let C be the elastic
+tensor. Then X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. A
+prime is a derivative in time. Green's formula and Tresca's law give
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
-where <., .> is the inner product of the norm |.|. Brezis' lemma says: y^2 / 2 <= a^2 / 2 + int m y implies
-y <= a + int m. In step n all fields are linear in time. With the integral D_n of D' over this step
+where <., .> is the inner product of the norm |.|. By Brezis' lemma, y <= a + int m follows from
+y^2 / 2 <= a^2 / 2 + int m y. In step n all fields are linear in time. Let D_n be the integral of D' over step n. Then
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,      |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2,
 
-because C eps(u - v_n) = r_n - X. A displacement w that is zero on contact (:mod:`.hypercircle`) makes r smaller. X is
-orthogonal to C eps(w). So v + w may replace v, except in the last term |r_n|^2.
+because C eps(u - v_n) = r_n - X. The displacement w of :mod:`.hypercircle` vanishes on supports and contact, so X is
+orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |r_n|^2.
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
-zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b_0 for v_0.
+zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b with b of this first step.
 
-**Data in time.** If data are not linear within steps, we repeat the run on the same cells in finer steps. The bound
-then contains an estimate: SAFETY times the largest difference of the two runs so far, in energy norm.
+**Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. The bound then
+contains an estimate, SAFETY times the largest distance of the two runs so far in the energy norm.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SAFETY = 1.5  # Safety factor of the estimated error between instants.
 
 
 def check_history(posed: PosedScene, history: History) -> None:
-    """Raise SceneError if there is no bound over the whole history, or instants are not stored."""
+    """Raise SceneError if the whole history has no bound."""
     count = history.steps + 1
     laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
     if len(posed.obstacles) or laws:

@@ -20,7 +20,7 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of key figures: energies at the end of a run, counts at the step of largest energy."""
+"""Names of key figures. Energies are at the end of a run, counts at the step of largest energy."""
 
 
 def figures(history: Results) -> Row:
@@ -57,6 +57,6 @@ def units_of(history: Results, units: Units) -> dict[str, str]:
 
 
 def csv(rows: Sequence[Row]) -> str:
-    """Return rows as comma-separated values, with the columns of all rows."""
+    """Return rows as CSV, with all names as columns."""
     heads = list(dict.fromkeys(name for row in rows for name in row))
     return Table(heads, [list(map(row.get, heads)) for row in rows]).csv()

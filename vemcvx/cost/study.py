@@ -26,7 +26,7 @@ def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
 
 
 def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
-    """Return one folder name per run: the settings, or run_1, run_2, ... ."""
+    """Return folder names of runs, from settings or as run_1, run_2, ..."""
     names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
     good = len(set(names)) == len(names) and max(map(len, names)) <= 100
     return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
@@ -39,7 +39,7 @@ def varying(rows: Sequence[Row]) -> list[str]:
 
 
 def find_results(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
-    """Return the names of the results that the table of a study shows."""
+    """Return the names of results in the table of a study."""
     return [name for name in dict.fromkeys([*chosen, "estimated_error"]) if any(name in row for row in rows)]
 
 

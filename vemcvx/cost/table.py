@@ -1,4 +1,4 @@
-"""The Pareto front, advice and picture for the rows of a sweep."""
+"""Pareto fronts, advice and a picture of the rows of a sweep."""
 
 from __future__ import annotations
 

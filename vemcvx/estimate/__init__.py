@@ -1,3 +1,3 @@
-"""Errors of a run: distances, estimates by source, and meshes and instants that meet a target."""
+"""Errors of runs, error estimates, and adaptive meshes and instants."""
 
 from vemcvx.estimate import measures as measures

@@ -2,7 +2,7 @@
 
 Each pass simulates the whole history, and estimates the squared error of each cell. It refines the fewest cells that
 have the fraction THETA of the sum of squares (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM
-J. Numer. Anal. 33, 1996), or fewer cells if these suffice. Steps with large time errors are split.
+J. Numer. Anal. 33, 1996). Steps with large time errors are split.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOST_STEPS = 4000  # Largest number of steps of the first pass
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """Return a mask of the fewest cells with the fraction theta of `squares`, or sufficient for `goal`."""
+    """Return a mask (n_cells,) of the cells to refine."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     chosen = np.zeros(len(squares), dtype=bool)
@@ -49,15 +49,15 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
 
 
 def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Floats:
-    """Return instants, with the worst steps split if the time error exceeds `allowed`."""
+    """Return the instants after a split of steps with large errors."""
     error = float(finer.errors.max()) / (unit or 1.0)
     squares = np.where(np.diff(times) > JUMP_WIDTH * (times[-1] - times[0]), finer.added**2, 0.0)
     if error <= allowed or not squares.any():
         return times
-    # If loads are smooth, halves of steps have a quarter of the error.
+    # With smooth loads, two half steps have a quarter of the error.
     parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
-    # Split the fewest steps with 0.8 of the sum of squares.
+    # Split the fewest steps that have 0.8 of the sum of squares.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
@@ -67,7 +67,7 @@ def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Flo
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One pass: sizes, the parts of its estimated relative error, and its duration in seconds."""
+    """The sizes, estimated relative errors and seconds of a pass."""
 
     cells: int
     unknowns: int
@@ -77,7 +77,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """name -> local cell size and value, for each extreme that may grow without limit on finer meshes"""
+    """cell size and value by name, for extremes that may grow without limit on finer meshes"""
 
     @property
     def total(self) -> float:
@@ -92,7 +92,7 @@ class Adapted:
     Attributes
     ----------
     history : History
-        The run of the last pass; `history.errors` has the three parts of its error, and written files keep them.
+        The run of the last pass, with the estimated error in `history.errors`.
     budget : ErrorBudget
         The budget of the last pass.
     passes : tuple of Pass
@@ -150,13 +150,13 @@ def adapt(
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        Coarse initial mesh, in space of tetrahedra, with the boundaries that the scene names.
+        Coarse initial mesh with the boundaries that the scene names. In space, all cells are tetrahedra.
     times : increasing sequence of instants
-        Instants to store, from the first to the last of the run. The history also stores instants at which data bend,
-        turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
+        Instants to store. The run begins at the first and ends at the last. The history also stores instants at which
+        data bend, turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.
     target : float
-        Allowed relative error in the energy norm. It is estimated at up to eight given instants, and at up to eight
-        instants at which data bend, turn or jump (:func:`vemcvx.error_budget`).
+        Allowed relative error in the energy norm. The error is estimated at up to eight given instants, and at up to
+        eight instants at which data bend, turn or jump (:func:`vemcvx.error_budget`).
     solver : Solver, or object with solve(program, target), optional
         As for :func:`vemcvx.simulate`; an accuracy of a hundredth of the target suffices.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
@@ -233,7 +233,7 @@ class _Aim:
     wanted: Floats  # given instants
     solver: Solver | Solves | None
     turns: Floats = field(default_factory=lambda: np.zeros(0))
-    """instants between those in `wanted` at which data bend, turn or jump"""
+    """further instants, at which data bend, turn or jump"""
 
     @property
     def stored(self) -> Floats:
@@ -241,7 +241,7 @@ class _Aim:
 
     def steps(self, instants: Floats) -> Ints:
         """Return the steps at whose ends the mesh error is estimated."""
-        # Each instant costs a back-substitution, so there are at most eight of each kind.
+        # Every estimate costs a back-substitution, so few instants are chosen.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)
 
@@ -299,7 +299,7 @@ def _growth(passes: Sequence[Pass]) -> dict[str, str]:
 
 def _next(now: Pass, budget: ErrorBudget, steps: tuple[Floats, Finer], target: float) -> tuple[Bools, Floats]:
     """Return a mask of cells to refine, and the instants of the next pass."""
-    # At least half the target is left for the mesh error.
+    # At least half the target remains for the mesh error.
     for_space = max(target - now.algebra - min(now.time, TIME_FRACTION * target), 0.5 * target)
     marked = cells_to_refine(budget.cells**2, for_space**2, THETA)
     if now.space > 1.5 * for_space or now.time <= TIME_FRACTION * target:
@@ -319,7 +319,7 @@ def _check(target: object, most: object, progress: object) -> None:
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
     """Return the aim with `turns`, and instants for a small time error on `mesh`."""
-    # Effects that are zero at all given instants may act between these instants.
+    # Effects that are zero at all given instants may act between them.
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")
     if posed.curves:

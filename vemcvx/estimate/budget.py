@@ -1,10 +1,10 @@
-r"""The error of a run by source: the algebra, the mesh, and the steps.
+r"""The error of a run, as the sum of errors of the solver, the mesh and the steps.
 
 $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 
 - "algebra" is the sum of certified errors over the steps (:attr:`vemcvx.History.certificate_total`).
 - "space" is estimated by residuals in each cell (:mod:`.residual`).
-- "time" is the difference from a second run on the same mesh with finer steps (:mod:`.finer_steps`).
+- "time" is estimated by a second run on the same mesh with finer steps (:mod:`.finer_steps`).
 
 All three are energy norms, relative to the largest energy norm of the run.
 """
@@ -30,7 +30,7 @@ from vemcvx.vem.elasticity import cell_energies
 
 
 def require_same_form(posed: PosedScene, u: Floats) -> None:
-    """Raise SceneError unless u has equal energies by the stiffness and by the material."""
+    """Raise SceneError if the stiffness and the material give different energies of u."""
     posed.space.refuse_revolution("error estimates")
     stiffness = posed.A if posed.springs is None else posed.A - posed.springs
     about = u - u.mean(axis=0)
@@ -51,19 +51,19 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBudget(Outlined):
-    """The relative energy errors of a run by source.
+    """The relative energy errors of a run, due to the solver, the mesh and the steps.
 
     Attributes
     ----------
     steps : (S,) int
         The examined steps.
     algebra, space, time : (S,)
-        The errors by source; `algebra` is certified, `space` and `time` are estimated.
+        The errors of solver, mesh and steps; `algebra` is certified, `space` and `time` are estimated.
     parts : mapping of str to (S,)
         Parts of `space`: "volume", "jumps", "boundary", "stabilisation", "data" and, for bodies in space, "pressure".
         The sum of squared parts is space^2.
     cells : (n_cells,)
-        The largest estimated error eta_K of each cell in all steps (:mod:`vemcvx.estimate.residual`).
+        The largest estimated error eta_K of each cell over all steps (:mod:`vemcvx.estimate.residual`).
     scale : float
         The largest energy norm of the run, including springs. All errors are divided by it.
 
@@ -88,7 +88,7 @@ class ErrorBudget(Outlined):
     history: History
 
     def outline(self) -> Outline:
-        """Return the parts at the step with the largest sum, for prompts and notebooks."""
+        """Return the outline of the step with the largest total."""
         worst = self.steps[np.argmax(self.total)]
         parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
         return Outline(
@@ -175,7 +175,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
 def estimate_time_error(posed: PosedScene, run: Trajectory) -> Finer:
     """Repeat a run with finer steps, and return the comparison."""
     assert run.initial is not None
-    # `posed` omits friction that is zero at all instants of the run; finer steps may need it.
+    # Friction that is zero at all instants of the run may act in finer steps.
     whole = pose_scene(posed.scene, posed.space.mesh, between=run.times.tolist()) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:

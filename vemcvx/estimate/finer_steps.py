@@ -1,9 +1,9 @@
 """The error of time steps, estimated by a run in finer steps (docs/theory/error_estimates.md).
 
-Let u_n be a run at the instants t_n, u(t_n) the exact solution in time, and v_n a run with FINER finer steps in each
-step. If errors in the energy norm |.|_a are of first order, |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1/FINER). With the
-contact unknowns y_n of u_n and z_n of v_n, and the condensed matrix S, |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n).
-Without friction, viscosity and VelocityContact, steps make no error.
+Let u_n be the displacement of a run at the instant t_n, and u(t_n) the solution that is exact in time. Let v_n be the
+displacement of a run with FINER steps per step. If errors in the energy norm |.|_a are of first order, then
+|u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1 / FINER). Let y_n and z_n be the contact unknowns of both runs, and S the
+stiffness condensed to these unknowns. Then |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
 FINER = 4  # least number of finer steps per step
-TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate; tests need less than 4/3
+TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
     chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
-    # On a piece of length h, linear interpolation of data f has the error h^2 |f''| / 8 = .002.
+    # Each piece has the interpolation error h^2 |f''| / 8 = .002, with data f and the length h.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 

@@ -1,11 +1,8 @@
 """Friction work, work and wear, with estimates of their errors due to steps and mesh.
 
-The scene is simulated twice more. The errors of a value Q due to the step size k and the mesh size h are estimated by
-
-    steps   3 |Q_k - Q_{k/2}|   with a run on the same mesh, in half steps (see also :mod:`.finer_steps`),
-    mesh    2 |Q_h - Q_{h/2}|   with a run at the same instants, on the mesh with all cells refined once.
-
-For wear, we take the largest difference at a contact node that both runs have (docs/theory/error_estimates.md).
+The scene is simulated twice more: in half steps, and with all cells refined. With the step size k and the mesh size h,
+the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| and 2 |Q_h - Q_{h/2}|. For wear, Q is the wear at the contact
+node with the largest difference (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations
@@ -102,7 +99,7 @@ def _extrapolate_errors(history: History, finer: History) -> dict[str, float]:
 
 
 def _wear_without_limit(history: History) -> str:
-    """Return a sentence if the largest wear is at a corner of unlimited friction, else ""."""
+    """Return a sentence if the wear is unbounded, else ""."""
     contact, sides = history.contact, history.sides
     wear = contact.wear_second_order[-1:].max(axis=0, initial=0.0)
     if not wear.any() or sides is None or not history.trajectory.given_friction.any():

@@ -10,20 +10,19 @@
               + d_e / (2 mu) |t - t_e|^2_e + h_K^2 / (9 mu) |f - f_K|^2_K                  errors of assembled data
               + int_K s_0 : C^{-1} s_0,  s_0 = (C - C_K) eps(Pi u) + sigma_0 - sigma_0K
 
-- Pi u is the projection of u to linear displacements in each cell.
-- sigma = C eps(Pi u) + sigma_0 is the stress, mu the shear modulus, and E Young's modulus along an edge.
+- Pi u is the projection of u to linear displacements in each cell, and S_K the stabilisation.
+- sigma = C eps(Pi u) + sigma_0 is the stress, with the elastic tensor C and the prestress sigma_0. mu is the shear
+  modulus, E Young's modulus along an edge, and eps_ss the strain along an edge.
 - f is the body force, and t the traction of loads, contact and springs.
-- A side e is an edge or, in space, a face. [.] is the jump across a side with the normal n. Residuals on boundary sides
-  have only the components that supports leave free. Both bodies of an interface have boundary sides there.
+- A side e is an edge or, in space, a face. [.] is the jump across a side with the normal n, and |.|_e an L2
+  norm. Residuals on boundary sides have only the components that supports leave free.
 - c is CONSTANT or, in space, IN_SPACE (docs/theory/error_estimates.md).
-- h_K is the longest side of the box that has the same second moments as K. l_e is the width of K along an edge.
-- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K), where K has the diameter D_K and N_K vertices.
-  The pressure q in space is constant in each cell, and minimises the sum of all terms with q.
+- h_K is the longest side of a box with the second moments of K. l_e is the width of K along an edge.
+- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) with the diameter D_K and N_K vertices of K. The
+  pressure q in space is constant in each cell, and minimises the sum of all terms with q.
 - t_e is the mean of t over a side. f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction
-  bounds and gaps that are not linear between nodes add similar terms (:mod:`vemcvx.bound.reading`).
-- d_e is the mean width of both cells *across* e. Residuals on e have this weight, because the interpolation error w
-  of a test function in a triangle T of height d on e obeys |w|^2_e <= d |grad w|^2_T, up to a constant, if
-  |w|_T <= d |grad w|_T.
+  bounds and gaps that are not linear between nodes add the terms of :mod:`vemcvx.bound.reading`.
+- d_e is the mean width *across* e of the cells that meet at e.
 
 The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani,
 Georgoulis, Pryer and Sutton (Numer. Math. 137, 2017).
@@ -77,7 +76,7 @@ class MeshSides:
     """cells (k,) of simplices, and vectors (k, dim, dim) from centroids of cells to corners"""
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
-        """Return the widths of cells along vectors of any length."""
+        """Return the widths of cells along `normals` of any length."""
         if len(cells) == 0:
             return np.zeros(0)
         offsets, corners = self.corners
@@ -213,11 +212,11 @@ class Residuals:
         return [load for load in self.posed.loads if isinstance(load, Load)]
 
     def _on_sides(self, rows: ContactRows, values: Floats) -> Floats:
-        """Return forces on outer sides from `values`, the force per area for each contact row."""
+        """Return forces on outer sides, given forces per area of contact rows."""
         sides, ends, force = self.sides, rows.ends.tocoo(), np.zeros(self.sides.normals.shape)
         at = sides.numbers(rows.names[ends.col])
         np.add.at(force, at, ends.data[:, None] * values[ends.row])
-        # On interfaces, scale forces up if a held node has no contact row.
+        # At interfaces, scale forces up if nodes of a side have no contact row.
         joined = sides.joints.first
         known = totals(at, ends.data, len(force))[joined]
         force[joined] *= np.divide(sides.sizes[joined], known, out=np.ones(len(known)), where=known > 0)[:, None]

@@ -1,25 +1,26 @@
 r"""The distance of two displacement fields u and v in the energy norm.
 
-C is the elastic tensor of u, and Pi u the projection of u to linear functions in each cell. The kinds of distances are
+C is the elastic tensor of u, and Pi u the projection of u to linear functions in each cell. The three kinds of
+distances are
 
 - exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$, on triangles, rectangles and tetrahedra;
 - projected: the same integral for Pi u and Pi v, on any cells;
 - nodal: $|w|$ for w = u - v at the nodes of the mesh of u, which must be nodes of the mesh of v.
 
-With the stabilisation S_K of u,
+With the cells K of u, and the stabilisation S_K, the norm (3.13) of Feng, Han and Huang is
 
-$$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w) \qquad (3.13). $$
+$$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w). $$
 
-In the plane, exact and projected distances have no quadrature error. In space, the same is true if the cells of
-the mesh of v lie inside cells of the mesh of u. Otherwise the quadrature error is O(h).
+In the plane, exact and projected distances have no quadrature error. In space, the same is true if the cells of the
+mesh of v lie inside cells of the mesh of u. For other meshes in space, the quadrature error is O(h).
 
-Virtual functions, (3.11) of Feng, Han and Huang, are linear on a triangle. Let a rectangle have the sides e_1 and e_2,
-the centre c, and the values u_1 ... u_4 at the vertices in turn. With xi = 2 e_1.(x - c) / |e_1|^2 and
-eta = 2 e_2.(x - c) / |e_2|^2,
+Virtual functions are linear on triangles and tetrahedra. Let a rectangle have the sides e_1 and e_2, the centre c, and
+the values u_1 ... u_4 at successive vertices. With xi = 2 e_1.(x - c) / |e_1|^2 and eta = 2 e_2.(x - c) / |e_2|^2,
 
-$$ u(x) = \text{mean} + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
+$$ u(x) = \bar u + \nabla(\Pi u) (x - c) + b \, \xi \eta, \qquad b = (u_1 - u_2 + u_3 - u_4) / 4, $$
 
-because xi eta is harmonic, and linear on the sides. On other cells, only Pi u is known.
+with the mean $\bar u$ of u_1 ... u_4. The function xi eta is harmonic, and linear on the sides. In other cells, only
+Pi u is known.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def _slopes(group: CellGroup, displacement: Floats) -> Floats:
     b = 0.25 * ((u[:, 0] - u[:, 1]) + (u[:, 2] - u[:, 3]))
     sides = [corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]]
     g, h = (2.0 * side / np.sum(side**2, axis=1)[:, None] for side in sides)
-    # The derivative of grad(xi eta) = xi h + eta g along x_k is g_k h + h_k g.
+    # With g = grad xi and h = grad eta, the derivative of grad(xi eta) along x_k is g_k h + h_k g.
     turn = g[:, :, None] * h[:, None, :] + h[:, :, None] * g[:, None, :]
     xx, yy = b[:, None, 0] * turn[:, :, 0], b[:, None, 1] * turn[:, :, 1]
     return np.stack([xx, yy, b[:, None, 0] * turn[:, :, 1] + b[:, None, 1] * turn[:, :, 0]], axis=2)
@@ -100,9 +101,9 @@ class Field:
     ----------
     mesh : PolygonMesh or PolyhedralMesh
     displacement : (n_nodes, dim) array
-        Displacements of the nodes, length.
+        Displacements of the nodes.
     moduli : (2, n_cells), (6, n_cells) or, in space, (21, n_cells) array
-        As in `History.moduli`, force per area.
+        As in `History.moduli`.
     time : float
         The instant of the field.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
@@ -148,7 +149,7 @@ class Field:
 
     @cached_property
     def space(self) -> Space:
-        """The space V^h on the mesh."""
+        """The virtual element space on the mesh."""
         return Space(self.mesh)
 
     @cached_property
@@ -364,7 +365,7 @@ def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
 
 
 def _cell_energies(field: Field, w: Floats) -> Floats:
-    """Return the energies a_K^h(w, w) of cells, with the material of a field."""
+    """Return the energies (n_cells,) of w with the material of a field."""
     own = field.stabilisation
     assert own is not None
     if isinstance(own, str):

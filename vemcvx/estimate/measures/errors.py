@@ -84,12 +84,13 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
     return sizes, values
 
 
-# Let u be the known displacement, and Pi u_h the computed displacement, projected to linear functions in each cell K.
+# Let C be the elastic tensor, and u the known displacement. Pi u_h is the computed displacement, projected to linear
+# functions in each cell K. The norms of the errors are
 #
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
-# Quadrature has degree 5, in space 2. Degree 1 would miss errors: strains superconverge at centroids of squares.
+# Quadrature has degree 5, in space 2. Degree 1 would miss errors, because strains superconverge at centroids.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:

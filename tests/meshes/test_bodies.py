@@ -1,4 +1,4 @@
-"""Several bodies in one mesh of the plane: matched interfaces, names and data, cracks, and refusals."""
+"""Several bodies in one plane mesh: matched interfaces, names and data, cracks, and refusals."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ IN_SPACE = pytest.param("pyvista", "tetrahedra", "cubes", "voronoi3", marks=pyte
 
 @pytest.mark.parametrize(("library", "first", "middle", "right"), [IN_PLANE, IN_SPACE])
 def test_files_pickles_and_libraries_keep_interfaces(tmp_path, library, first, middle, right):
-    """Join three bodies in a row; their sides touch in part, and two names are unusual."""
+    """Join three bodies in a row. Sides touch in part, and two names are unusual."""
     pytest.importorskip(library)
     boxes = ((0, 1), (0, 1)), ((1, 2), (0.25, 1.5)), ((2, 3), (-1, 1))
     up = [(0, 1)] * (first in SPACE_FAMILIES)
@@ -95,7 +95,7 @@ def test_histories_keep_interfaces_and_files_without_them_are_refused(tmp_path):
 
 
 def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
-    """Put a block on a part of the top of a wider block; both ends of the part become hanging nodes."""
+    """Put a block on a wider block. Two corners of the block become hanging nodes."""
     mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
     assert_matched(mesh)
     x = mesh.points[mesh.interfaces["lower|upper"].edges, 0]
@@ -104,12 +104,11 @@ def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
     left = mesh.points[mesh.boundaries["lower.top"]][..., 0]
     assert {tuple(ends) for ends in np.sort(left).tolist()} == {(0.0, 0.3), (1.1, 2.0)}
     assert "upper.bottom" not in mesh.boundaries
-    # The nodes of a body keep their order; hanging nodes come last.
+    # Nodes of a body keep the old order. Hanging nodes come last.
     np.testing.assert_array_equal(mesh.points[:6], squares((2, 1), ((0, 2), (0, 1))).points)
 
 
 def test_interfaces_meet_in_crosspoints():
-    """Where three blocks meet at a point, each of the three nodes there has the other two as partners."""
     mesh = bodies(
         {
             "left": FAMILIES["voronoi"](3, seed=1),
@@ -132,7 +131,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
-    """A hub of n = 12 sides and a tyre of 60 sides meet at the unit circle; they are up to 1 - cos(pi / n) apart."""
+    """A hub of n = 12 sides and a tyre of 60 sides meet at the unit circle. The distance is at most 1 - cos(pi / n)."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)
     hub, tyre = ring([0.3, 0.6, 1.0], sides), ring([1.0, 1.5, 2.0], 60, angles=(0.01, 0.01 + 2 * np.pi))
     mesh = bodies({"hub": hub, "tyre": tyre}, tolerance=1.01 * apart)
@@ -149,7 +148,7 @@ def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
 
 
 def test_three_bodies_at_one_edge_overlap():
-    """Fill the hole of a plate with two equal discs, so that edges of all three bodies coincide."""
+    """Put two equal discs into the hole of a plate."""
     plate = PolygonMesh(
         [(0, 0), (3, 0), (3, 3), (0, 3), (1, 1), (2, 1), (2, 2), (1, 2)],
         [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
@@ -161,7 +160,7 @@ def test_three_bodies_at_one_edge_overlap():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """The cell datum "soft" may have the name of the body "soft", because its values on this body are all 1."""
+    """The cell datum "soft" may have the name of a body, because the values on this body are 1."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})
@@ -191,7 +190,7 @@ def test_invalid_interfaces_are_refused():
 
 @mostly_long("family", EVERY, "voronoi", "triangles", "tetrahedra")
 def test_a_crack_inside_a_body_has_two_lips_and_a_tip(family):
-    """Cut from the left side to the middle: nodes at the tip stay single, and both lips have equal points."""
+    """Cut from the left side to the middle. The node at the tip stays single, and both lips have equal points."""
     whole = EVERY[family](3 if family == "kelvin" else 4, seed=1).with_boundary("half", lambda x: x[:, 0] < 0.5)
     near = whole.centroids[:, 0] < 0.5
     above = near & (whole.centroids[:, -1] > 0.5)
@@ -222,7 +221,7 @@ def test_a_cut_through_a_mesh_gives_the_mesh_of_two_bodies():
     joined = bodies({"left": squares((2, 4), ((0, 0.5), (0, 1))), "right": squares((2, 4), ((0.5, 1), (0, 1)))})
     assert measure_part(parted, "joint") == measure_part(joined, "left|right") == 1.0
     assert parted.n_nodes == joined.n_nodes
-    # Two more cuts end at the joint, where nodes are already doubled: the four quarters share no node.
+    # Two more cuts end at the joint. Then the four quarters share no node.
     top = mesh.centroids[:, 1] > 0.5
     quarters = parted.cut("west", {"a": ~right & top, "b": ~right & ~top})
     quarters = quarters.cut("east", {"c": right & top, "d": right & ~top})
@@ -239,7 +238,7 @@ def test_new_parts_of_the_boundary_exclude_interfaces():
 
 
 def test_parts_of_a_mesh_fit_together_again():
-    """Make bodies of parts with polygonal outlines, each refined and shifted by less than the tolerance."""
+    """Refine the parts of a mesh, and shift the parts by less than the tolerance."""
     random, whole = np.random.default_rng(3), FAMILIES["nonconvex"](6, seed=3)
     part = np.argmin(np.linalg.norm(whole.centroids[:, None] - random.random((4, 2)), axis=2), axis=1)
     parts = {}

@@ -1,4 +1,4 @@
-"""Several bodies in one mesh in space: matched interfaces, names and data, cracks, and refusals."""
+"""Several bodies in space in one mesh: matched interfaces, names and data, cracks, and refusals."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def test_the_interface_of_two_grids_has_a_face_for_each_piece():
     mesh = bodies({"lower": cubes(7), "upper": cubes(5, ((0, 1), (0, 1), (1, 2)))})
     assert_matched(mesh)
     assert measure_part(mesh, "lower|upper") == pytest.approx(1.0, abs=1e-12)
-    # Multiples of 1/7 and of 1/5 divide each axis into eleven intervals.
+    # Multiples of 1/7 and 1/5 divide each axis into eleven intervals.
     assert len(mesh.boundaries["lower|upper"]) == 11**2
     assert len(mesh.interfaces["lower|upper"].pairs) == 12**2
     assert mesh.n_cells == 7**3 + 5**3
 
 
 def test_the_rest_of_a_face_around_a_block_is_split_into_triangles():
-    """Put a block on one face of a cube: the rest of the face has a hole, which no face of a polyhedron can have."""
+    """Put a block on the middle of a cube face. A face with a hole is not allowed."""
     mesh = bodies({"table": cubes(1), "box": cubes(2, ((0.3, 0.6), (0.3, 0.6), (1, 1.5)))})
     assert_matched(mesh)
     assert measure_part(mesh, "table|box") == pytest.approx(0.09, abs=1e-12)
@@ -84,7 +84,7 @@ def test_three_bodies_meet_along_an_edge():
 @pytest.mark.long
 @mostly_slow("size", range(2, 14), 2, 6, 7)
 def test_blocks_match_at_every_small_offset(size):
-    """Shift one block by 10^-size: pieces of the interface become narrow, and nodes nearer than 8e-9 are merged."""
+    """Shift one block by 10^-size. Pieces of the interface become narrow, and nodes nearer than 8e-9 are merged."""
     for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
         x, y = 10.0 ** -(size + exponent) * np.random.default_rng([size, k]).normal(size=2)
         make = SPACE_FAMILIES[name]
@@ -92,13 +92,13 @@ def test_blocks_match_at_every_small_offset(size):
 
 
 def round_points(mesh):
-    """Return the mesh with points of seven digits after the decimal point, as in a file."""
+    """Return the mesh with points rounded to seven digits."""
     return vx.PolyhedralMesh(np.round(mesh.points, 7), mesh.cells)
 
 
 @pytest.mark.long
 def test_a_tolerance_matches_points_rounded_to_seven_digits():
-    """At a plane joint, rounding moves nodes off the edges of the other body; at a cylinder, nodes coincide."""
+    """Test a plane joint with different nodes, and a cylindrical joint with equal nodes."""
     lower = round_points(cubes(3, ((-1, 2), (-1, 2), (0, 1))))
     upper = round_points(rotate(SPACE_FAMILIES["tetrahedra"](3, ((0, 1), (0, 1), (1, 2))), 0.4))
     mesh = bodies({"lower": lower, "upper": upper}, tolerance=3e-7)
@@ -110,7 +110,7 @@ def test_a_tolerance_matches_points_rounded_to_seven_digits():
 
 
 def test_cylinders_of_equal_sectors_match_and_others_are_refused():
-    """Tubes match if only their layers along the axis differ. Tubes with unequal or rotated sectors do not match."""
+    """Tubes match for different layers along the axis. Tubes with unequal or rotated sectors do not match."""
     pin, lug = ring([0.4, 1.0], 16, 2), ring([1.0, 2.0], 16, 3)
     for meshes in ({"pin": pin, "lug": lug}, {"lug": lug, "pin": pin}):
         mesh = bodies(meshes)
@@ -144,7 +144,7 @@ def test_invalid_sets_of_bodies_are_refused():
 
 
 def make_slab(heights, is_lower, middle):
-    """Return 3 x 3 cells below or above a surface of triangles; `middle` selects the diagonal of the middle cell."""
+    """Return 3 x 3 cells with a surface of triangles. `middle` selects the diagonal of the middle cell."""
     x, y = np.meshgrid(range(4), range(4))
     z = np.append(heights, np.full(16, -1.0 if is_lower else 3.0))
     points = np.column_stack([np.tile([x.ravel(), y.ravel()], 2).T, z])
@@ -159,7 +159,7 @@ def make_slab(heights, is_lower, middle):
 
 
 def test_a_pocket_between_bodies_is_refused():
-    """Let two surfaces of triangles have the same nodes, and differ only in the diagonal of the middle cell."""
+    """Two surfaces of triangles have equal nodes, and different diagonals of the middle cell."""
     heights = np.ones(16)
     heights[[5, 10]] = 0.8
     lower = make_slab(heights, True, 0)

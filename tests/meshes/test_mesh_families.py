@@ -1,4 +1,4 @@
-"""Families of meshes in the plane and in space: requirements of all families, and properties of each."""
+"""Families of meshes in the plane and in space: requirements of all families, and properties of single families."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ def test_every_function_that_meshes_a_box_is_a_family():
 @mostly_long("case", CASES, "one", "row", "far")
 @pytest.mark.parametrize("family", EVERY)
 def test_cells_fill_the_box_up_to_its_named_sides(family, case):
-    """Sides are exact. A mesh built again from the points and cells passes all checks, and is equal."""
+    """Sides are exact. A mesh of the same points and cells passes all checks, and is equal."""
     (n, box), dim = CASES[case], find_dimension(family)
     mesh, box = make(family, n, box, seed=3), np.array(box[:dim])
     lengths = box[:, 1] - box[:, 0]
     rounding = 1e-14 * mesh.n_cells + 2.0**-46 * np.abs(box).max() / lengths.min()
-    again = type(mesh)(mesh.points, mesh.cells)  # warnings, for example of unused nodes, are errors in tests
+    again = type(mesh)(mesh.points, mesh.cells)  # tests turn warnings into errors
     for name in (*mesh.ARRAYS, "measures", "centroids", "diameters"):
         np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
         assert not getattr(mesh, name).flags.writeable
@@ -143,7 +143,7 @@ def test_hexagons_are_regular_where_they_fit():
     columns, rows = 6, 4
     mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
     whole = [cell for cell in mesh.cells if len(cell) == 6]
-    assert len(whole) == 2 * columns - 1  # one inner row has six hexagons, the other row has five
+    assert len(whole) == 2 * columns - 1  # inner rows have six or five hexagons
     for cell in whole:
         sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
         np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)
@@ -157,7 +157,7 @@ def test_distortion_moves_inner_nodes_only():
 
 
 def cross_edges(mesh, cell):
-    """Return the cross product of the edges before and after each vertex."""
+    """Return the cross products of consecutive edges."""
     edge = np.roll(mesh.points[cell], -1, axis=0) - mesh.points[cell]
     before = np.roll(edge, 1, axis=0)
     return before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
@@ -183,7 +183,7 @@ def measure_edges(mesh):
 
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
-    """In narrow boxes, edges across the box are kept although they are short. Corners are kept, too."""
+    """In narrow boxes, corners and short edges across the box are kept."""
     for width, options in ((5.0, {}), (1e-3, {"shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)
@@ -195,13 +195,13 @@ def test_voronoi_makes_the_requested_number_of_cells(cells):
 def test_voronoi_collapses_short_edges_by_default_and_evens_out_cells(seed):
     mesh = meshes.voronoi(cells=400, seed=seed)
     PolygonMesh(mesh.points, mesh.cells)
-    # `shortest` is 0.02 by default. Shorter edges are kept in triangles, and between two sides of the box.
+    # `shortest` is 0.02 by default. Shorter edges remain in triangles, and between two sides of the box.
     assert np.quantile(measure_edges(mesh) * 20, 0.01) > 0.02
     assert measure_edges(mesh).min() * 20 > 1e-3
     raw = meshes.voronoi(cells=400, seed=seed, shortest=0.0)
     PolygonMesh(raw.points, raw.cells)
     assert measure_edges(raw).min() * 20 < 0.02
-    assert mesh.areas.std() * 400 < 0.15  # without evening out: 0.53
+    assert mesh.areas.std() * 400 < 0.15  # 0.53 without Lloyd's iteration
 
 
 def test_cubes_tetrahedra_and_truncated_octahedra_have_their_closed_forms():

@@ -1,4 +1,4 @@
-"""Mesh files that the package writes: VTU files restore meshes exactly."""
+"""VTU files that the package writes."""
 
 from __future__ import annotations
 

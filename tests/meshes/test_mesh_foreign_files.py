@@ -29,7 +29,7 @@ DECK, TWICE, WITHIN, TWO, BULK, GMSH, POLYHEDRA = (
 
 @pytest.fixture
 def read_text(tmp_path):
-    """Return a function that writes a text to a file with a suffix and reads this file."""
+    """Return a function that writes a text to a file and reads the file."""
 
     def write_and_read(suffix, text, **options):
         path = tmp_path / f"mesh{suffix}"
@@ -55,7 +55,7 @@ READ = {
     "g9_samename_22.msh": {"data": {"steel": [1, 1]}, "named": ("steel",)},
     "g3_saveall_41.msh": {"data": {"all": [1, 1], "steel": [0, 1]}, "named": ("floor", "outer")},
 }
-"""Expected contents of files: the number of cells or cell data; for some files, also points or names of boundaries."""
+"""File -> expected cells, cell data, points or boundaries."""
 REFUSED = {
     "a1_two_parts.inp": "nodes 3 and 4 are in the same place.* If 'Lower-1', 'Upper-1' are bodies, "
     ".*='physical'; vemcvx run --mesh does so if the scene names .*'Lower-1.NAME'",
@@ -99,7 +99,7 @@ def test_files_of_users_keep_names_and_become_bodies():
 
 
 def test_every_cell_of_a_rod_has_the_material_of_its_set():
-    """Pull the rod: displacements are 1, 2, 2.01. With wrong cells in the sets they would be .01, 1.01, 2.01."""
+    """Pull a rod of three cells. The last cell is stiffer by a factor of 100."""
     mesh = read(FILES / "a3_elset_second.inp").with_cell_data("SOFT", [1, 1, 0])
     scene = vx.Scene(
         vx.Elasticity(1.0, 0.0, on="SOFT"),
@@ -138,7 +138,7 @@ def test_a_deck_may_use_every_spelling(read_text):
 
 
 def test_instances_are_bodies_after_translation_and_rotation(read_text):
-    """Place one part twice; the second instance is moved up by 1, then rotated about its middle by 90 degrees."""
+    """Place one part twice. The second instance is moved up by 1, and rotated about the middle by 90 degrees."""
     mesh = read_text(".inp", TWICE, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
     assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}
@@ -157,13 +157,13 @@ def test_instances_are_bodies_after_translation_and_rotation(read_text):
 
 
 def test_a_part_without_an_end_is_read(read_text):
-    """Omit *END PART: the part then ends where the file ends or where an instance begins."""
+    """Omit *END PART. The part ends with the file or at the first instance."""
     assert read_text(".inp", TWICE.partition("*END PART")[0]).n_cells == 1
     assert read_text(".inp", TWICE.replace("*END PART\n", ""), bodies="physical").n_cells == 2
 
 
 def test_nodes_within_an_instance_are_translated_and_rotated_with_it(read_text):
-    """Define meshes within instances; the upper instance is moved up by 1, then rotated by 180 degrees."""
+    """Define meshes within instances. The upper instance is moved up by 1, and rotated by 180 degrees."""
     words = r"mesh\.inp: .* not read: .*nodes of toe that do not exist"
     with pytest.warns(vx.MeshWarning, match=words):
         mesh = read_text(".inp", WITHIN, bodies="physical")
@@ -178,7 +178,7 @@ def test_a_part_whose_elements_are_not_read_is_no_body(read_text):
 
 
 def test_a_name_on_part_of_an_interface_names_this_part(read_text):
-    """Name a set "toe" on the second body: the boundary "toe" has the edges of the first body at this set."""
+    """Name a set "toe" on the second body. The boundary "toe" has edges of the first body."""
     mesh = read_text(".inp", TWO, bodies="physical")
     assert mesh.interfaces["foot"].bodies == ("low", "high")
     toe = mesh.boundaries["toe"].tolist()
@@ -214,7 +214,7 @@ def test_unsupported_decks_are_refused_with_the_cause(read_text):
 
 
 def test_sets_of_one_name_in_two_parts_contain_elements_of_their_parts_only(read_text):
-    """Define surfaces of two parts by sets of the same name, as other programs do."""
+    """Define surfaces of two parts by sets of the same name."""
     block = FLAT + "*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*ELSET, ELSET=_s, INTERNAL\n1\n*SURFACE, NAME={}\n_s, {}\n"
     parts = "".join(
         f"*PART, NAME={name}\n{block.format(name, side)}*END PART\n" for name, side in (("low", "S1"), ("up", "S3"))
@@ -239,7 +239,7 @@ SOLIDS = {
 
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_sides_of_solids_have_the_numbers_of_abaqus(kind, read_text):
-    """Name every side of one cell: the sides are all faces of the cell, and S1 is its bottom."""
+    """Name every side of one cell. The sides are all faces of the cell, and S1 is the bottom."""
     places, normals = SOLIDS[kind]
     corners = [", ".join(place) for place in places.split()]
     nodes = "".join(f"{k}, {x}\n" for k, x in enumerate(corners, 1))
@@ -257,7 +257,7 @@ def test_sides_of_solids_have_the_numbers_of_abaqus(kind, read_text):
 
 
 def test_cards_of_nastran_may_have_free_small_and_large_fields(read_text):
-    """Read cards without BEGIN BULK and ENDDATA; numbers after the nodes of a cell are ignored."""
+    """Read cards without BEGIN BULK and ENDDATA. Numbers after the nodes of a cell are ignored."""
     mesh = read_text(".bdf", BULK)
     assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
     assert mesh.points.tolist() == SQUARE.tolist()
@@ -303,7 +303,7 @@ def test_groups_of_gmsh_become_boundaries_and_cell_data(read_text, capfd):
 
 
 def test_a_cell_in_two_groups_is_one_cell():
-    """Read a file of version 2, which repeats a cell for each of its groups; one node belongs to no cell."""
+    """Read a file of version 2, which repeats cells in several groups. One node belongs to no cell."""
     with pytest.warns(vx.MeshWarning) as caught:
         mesh = read(FILES / "groups_22.msh")
     messages = " ".join(str(one.message) for one in caught)
@@ -395,7 +395,7 @@ def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(options, tmp_path)
 
 
 def test_polyhedra_in_the_layout_of_vtk_9_4_are_read(read_text):
-    """Read a polyhedron beside a hexahedron and a marked square; then damage each list."""
+    """Read a polyhedron, a hexahedron and a marked square. Then damage each list."""
     mesh = read_text(".vtu", POLYHEDRA)
     np.testing.assert_allclose(mesh.volumes, [1.0, 2.0])
     assert mesh.cell_data["young"].tolist() == [1.0, 2.0]
@@ -453,7 +453,7 @@ TEXTS |= {".msh": GMSH, ".solid.msh": (FILES / "groups_22.msh").read_text()}
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [*MADE, *TEXTS])
 def test_damaged_files_are_refused_or_hold_a_mesh(suffix, tmp_path):
-    """Read 250 damaged files within limits of time and memory; errors contain the path of the file."""
+    """Read 250 damaged files within limits of time and memory. Errors contain the path of the file."""
     whole, rng = tmp_path / f"whole{suffix}", np.random.default_rng(1)
     if suffix in MADE:
         MADE[suffix].write(whole)

@@ -23,7 +23,6 @@ def test_polygons_have_the_areas_centroids_and_diameters_of_closed_forms(offset)
         shift = np.array([offset, 2 * offset])
         points = np.array(corners, dtype=float) + shift
         mesh = PolygonMesh(points, [range(len(points))])
-        # Shifts by whole numbers are exact, so areas do not change. Centroids are rounded once more.
         assert mesh.areas[0] == pytest.approx(area, rel=1e-15)
         np.testing.assert_allclose(mesh.centroids[0], np.array(centroid) + shift, rtol=4e-16, atol=4e-16)
         assert mesh.diameters[0] == mesh.h == pytest.approx(diameter, rel=1e-15)
@@ -32,7 +31,7 @@ def test_polygons_have_the_areas_centroids_and_diameters_of_closed_forms(offset)
         mesh = PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(sides)])
         assert mesh.areas[0] == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-14)
         np.testing.assert_allclose(mesh.centroids[0], 0.0, atol=1e-15)
-        # The longest diagonal ends at the opposite vertex, or at one of the two opposite vertices.
+        # The longest diagonal ends at an opposite vertex.
         assert mesh.h == pytest.approx(2 * np.cos(np.pi / (2 * sides)) if sides % 2 else 2.0, rel=1e-15)
 
 

@@ -1,4 +1,4 @@
-"""Conversion of meshes in memory, from and to other libraries; sides that are named by position."""
+"""Conversion of meshes from and to other libraries, and sides that are named by position."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_conversion_to_meshio_and_pyvista_and_back_restores_polygons(family):
     grid = mesh.to("pyvista")
     np.testing.assert_array_equal(grid.cell_data["material"], mesh.cell_data["material"])
     assert (grid.n_cells, grid.n_points) == (mesh.n_cells, mesh.n_nodes)
-    if family != "nonconvex":  # VTK computes areas of convex cells only
+    if family != "nonconvex":  # VTK needs convex cells for areas
         np.testing.assert_allclose(grid.compute_cell_sizes().cell_data["Area"], mesh.areas, rtol=1e-12)
     assert_same(mesh, convert(grid))
 
@@ -167,7 +167,7 @@ def make_solid(name):
 
 
 def assert_equal_but_for_faces(one, other):
-    """Check that two meshes are equal except for the numbers of their faces."""
+    """Check that two meshes are equal except for face numbers."""
     np.testing.assert_array_equal(one.points, other.points)
     for nodes, others in zip(one.cell_nodes, other.cell_nodes, strict=True):
         np.testing.assert_array_equal(nodes, others)
@@ -186,7 +186,7 @@ def test_conversion_to_meshio_and_back_restores_solids(name):
 
 
 def test_cells_of_meshio_may_be_numbered_in_either_direction():
-    """Mirror cells of four kinds, so that nodes are in the opposite order: there is no warning about the order."""
+    """Mirror cells of four kinds, so that the order of nodes is reversed."""
     with pytest.warns(vx.MeshWarning, match="sides are named left, front, back, bottom"):
         mesh = convert(make_four_cells())
     np.testing.assert_allclose(mesh.volumes, [0.5, 1.0, 1 / 6, 1 / 3])
@@ -201,7 +201,7 @@ def test_cells_of_meshio_may_be_numbered_in_either_direction():
 
 @pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
 def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
-    """Integrate with scikit-fem: the volume is right only if the vertices have the order of scikit-fem."""
+    """Compute the volume with scikit-fem, which depends on the order of vertices."""
     mesh = make_solid(name)
     made = mesh.to("skfem")
     assert type(made).__name__ == kind
@@ -213,7 +213,7 @@ def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
 
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 def test_conversion_to_pyvista_and_its_files_restore_polyhedra(family, tmp_path):
-    """Read a compressed file and a text file of PyVista, and let PyVista read a file of `write` and compute volumes."""
+    """Read a compressed file and a text file of PyVista. PyVista reads a file of `write` and computes volumes."""
     pv = import_pyvista()
     mesh = vx.meshes.SPACE_FAMILIES[family](2, BOX, 1)
     mesh = mesh.with_cell_data("young", np.arange(mesh.n_cells)).with_boundary("half", lambda x: x[:, 1] < 3.0)
@@ -241,7 +241,7 @@ NAMED = "no part of the boundary has a name; by position, sides are named "
 
 @pytest.mark.parametrize("family", ["squares", "voronoi", "hanging"])
 def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tmp_path):
-    """Use exact points, and points that were rotated and rotated back with rounding."""
+    """Test exact points, and points that were rotated and rotated back."""
     mesh = FAMILIES[family](4, ((-3.0, 1.0), (0.1, 2.7)))
     back = mesh.points @ rotation(0.3) @ rotation(-0.3)
     assert np.abs(back - mesh.points).max() > 0
@@ -256,7 +256,7 @@ def test_sides_of_a_box_in_a_file_without_names_are_named_by_position(family, tm
 
 
 def test_only_straight_sides_at_extreme_coordinates_are_named():
-    """A pentagon with a peak has no top, a diamond has no named side, a very short edge belongs to one side only."""
+    """Test a pentagon with a peak, a diamond, and a very short edge."""
     house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
     with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):
         assert set(convert(house).boundaries) == {"left", "right", "bottom", "boundary"}

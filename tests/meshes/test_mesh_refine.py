@@ -21,8 +21,8 @@ FATTEST = defaultdict(
 )
 """Family -> bound on diameter^2 / area after refinement.
 
-The ratio is 2 for a square and 4 for half a square. The largest ratios after seven passes for eight seeds were 4.4 for
-hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
+The ratio is 2 for a square and 4 for half a square. After seven passes with eight seeds, the largest ratios were 4.4
+for hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
 """
 
 
@@ -36,7 +36,7 @@ def measure_edges(mesh):
 
 
 def count_hanging_nodes(mesh):
-    """Return the largest number of nodes within a straight part of the outline of a cell."""
+    """Return the largest number of nodes on a straight part of an outline."""
     bend = splitting_of(mesh).bend
     most = 0
     for start, end in zip(mesh.offsets[:-1], mesh.offsets[1:], strict=True):
@@ -63,14 +63,13 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, passes):
         parents = mesh.cell_data["parent"]
         PolygonMesh(mesh.points, mesh.cells)
         assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
-        # Each child is inside its parent, and the children fill the parent.
         rule = common_rule(before, mesh)
         there = rule.first == parents[rule.second]
         inside = np.bincount(rule.second[there], rule.weights[there], mesh.n_cells)
         np.testing.assert_allclose(inside, mesh.areas, rtol=1e-12)
         np.testing.assert_allclose(np.bincount(parents, weights=mesh.areas), before.areas, rtol=1e-12)
         assert measure_slenderness(mesh) < max(FATTEST[family], 1.0 + measure_slenderness(before))
-        # One refinement of a cell halves an edge at most once.
+        # A refinement halves an edge at most once.
         edge = (measure_edges(mesh) / np.repeat(mesh.diameters, np.diff(mesh.offsets))).min()
         assert edge > min(0.49 * short, 0.08)
     assert measure_slenderness(mesh) < FATTEST[family]
@@ -101,7 +100,7 @@ def test_grading_refines_no_more_cells_than_necessary():
     mesh = vx.meshes.squares(4).refine([5])
     assert mesh.n_cells == 16 + 3
     child = np.argmin(np.hypot(*(mesh.centroids - [0.3, 0.3]).T))
-    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # also splits two neighbours: both have a hanging node
+    assert mesh.refine([child]).n_cells == 19 + 3 * 3  # two neighbours with a hanging node are split, too
 
 
 SOLIDS = {"tetrahedra": tetrahedra(2), "cubes": vx.meshes.cubes(2), "prisms": vx.meshes.prisms(2)}
@@ -109,7 +108,7 @@ EVERY = [*vx.meshes.FAMILIES, *SOLIDS]
 
 
 def make_start(family):
-    """Return a mesh and the cells to refine; None means all cells. Plane meshes have hanging nodes."""
+    """Return a mesh and the cells to refine, or None for all cells. Plane meshes have hanging nodes."""
     if family in SOLIDS:
         mesh = SOLIDS[family]
         return mesh, np.arange(0, mesh.n_cells, 2) if family == "tetrahedra" else None
@@ -146,7 +145,7 @@ def test_cells_to_refine_are_given_by_number_or_by_flag():
 @pytest.mark.long
 @pytest.mark.parametrize("make", [vx.meshes.squares, tetrahedra])
 def test_refinement_ends_where_rounding_begins(make):
-    """Refine towards the corner (1, 1): every mesh is valid until an edge is too short; then an error is raised."""
+    """Refine towards the corner (1, 1) until an error is raised. All meshes are valid."""
     mesh, message = make(1), ""
     for _ in range(200):
         try:

@@ -1,4 +1,4 @@
-"""Refinement of a single cell: closed forms, and outlines that are difficult to split."""
+"""Refinement of a single cell: closed forms, and difficult outlines."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHAPES = {
     "star": (make_star(5, 0.3), 10, 28.0),
     "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
 }
-"""Outline, number of children, and a bound on diameter^2 / area of all cells, 15 to 27 % above the measured value."""
+"""Outline, number of children, and a bound on diameter^2 / area, 15 to 27 % above the measured value."""
 
 
 def make_cell(outline):

@@ -19,7 +19,7 @@ def assert_refused(points, cells, message):
 
 
 def make_spiral_stair():
-    """Return cells that turn around a node twice: all neighbours fit together, but cells overlap."""
+    """Return cells that turn around a node twice. Neighbours fit together, but cells overlap."""
     angle = np.linspace(0.0, 4.0 * np.pi, 13)[:-1]
     ring = (1.0 + 0.05 * np.arange(12))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     return np.vstack([[0.0, 0.0], ring]), [[0, k + 1, (k + 1) % 12 + 1] for k in range(12)]
@@ -39,7 +39,7 @@ GEOMETRY = [
     (TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near"),
     (*make_spiral_stair(), "overlap"),
     ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
-    # The left square has node 6 inside its right side. Its neighbour has no node there, or has node 7, off by 1e-9.
+    # Node 6 is on the right side of the left square. The right square has no node 6, or has node 7, off by 1e-9.
     ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
     ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 .* do not fit together there: .* a gap narrower than"),
     ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),
@@ -73,14 +73,14 @@ def test_unused_nodes_are_dropped_with_a_warning():
 
 
 def assert_valid(points, cells, area):
-    """Return the mesh after checks of its area."""
+    """Check the area of a mesh, and return the mesh."""
     mesh = PolygonMesh(points, cells)
     assert mesh.areas.sum() == pytest.approx(area, rel=1e-14)
     return mesh
 
 
 def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
-    """Put a node on an edge, at a third of its length: rounding moves the node to either side of the edge."""
+    """Put a node at a third of an edge. Rounding moves the node to either side of the edge."""
     for a, b in (((0.1, 0.3), (0.7, 1.1)), ((-0.3, 0.9), (1e3, 7.7))):
         a, b = np.array(a), np.array(b)
         node = a + (b - a) / 3.0
@@ -93,15 +93,15 @@ def test_a_hanging_node_may_be_beside_its_edge_by_rounding():
 
 @pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
 def test_tiny_edges_are_valid(offset):
-    """Two cells share a long edge and a tiny edge: its length is about 1e-12, or 1e-10 with an offset."""
-    tiny = 1e-12 if not offset else 1e-12 * 64  # floating-point numbers near 40 are 64 times as far apart as below 1
+    """Two cells share a long edge and a tiny edge."""
+    tiny = 1e-12 if not offset else 1e-12 * 64  # rounding near 40 is 64 times the rounding below 1
     points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
     mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])
     assert mesh.areas.sum() == pytest.approx(2.0, rel=1e-11)
 
 
 def test_unusual_meshes_are_valid():
-    """Check a slender cell, a hole, separate parts, cells that meet in a point, and cells 2^-29 to 1/2 wide."""
+    """Check a slender cell, a hole, separate parts, cells that meet in a point, and cells of very different widths."""
     assert_valid([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
     assert_valid([(0, 0), (1, 0), (1, 1e-9), (0.5, 1e-9), (0, 1e-9)], [range(5)], 1e-9)
     mesh = vx.meshes.squares(3)

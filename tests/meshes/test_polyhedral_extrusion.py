@@ -14,7 +14,7 @@ LEVELS = [-0.5, 0.0, 2.0]
 
 @pytest.mark.parametrize("family", vx.meshes.FAMILIES)
 def test_layers_are_prisms_in_the_order_of_the_plane_cells(family):
-    """Compare volumes with areas times heights, and the sides with the sides of a box."""
+    """Compare volumes with areas times heights, and sides with the sides of a box."""
     plane = vx.meshes.FAMILIES[family](3, BOX, 1)
     mesh = plane.extruded(LEVELS)
     np.testing.assert_allclose(mesh.volumes, np.concatenate([0.5 * plane.areas, 2.0 * plane.areas]), rtol=1e-14)

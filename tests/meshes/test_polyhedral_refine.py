@@ -26,7 +26,7 @@ def measure_fatness(mesh):
 
 
 def triangulate_random_points(seed, count=30):
-    """Return tetrahedra between random points: no two edges are equally long."""
+    """Return tetrahedra between random points, without edges of equal length."""
     points = np.random.default_rng(seed).random((count, 3))
     cells = Delaunay(points).simplices
     x = points[cells]
@@ -37,7 +37,7 @@ def triangulate_random_points(seed, count=30):
 
 
 def refine_at_random(mesh, random, passes):
-    """Return the mesh after random passes, each of which must keep volumes, boundaries and nodes."""
+    """Return the mesh after random passes, which must keep volumes, boundaries and nodes."""
     for _ in range(passes):
         before, marked = mesh, random.random(mesh.n_cells) < min(0.3, 12 / mesh.n_cells)
         mesh = mesh.with_cell_data("parent", np.arange(mesh.n_cells)).refine(marked)
@@ -69,7 +69,7 @@ def test_random_passes_keep_a_tiling_of_tetrahedra(name, seed):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_bisection_gives_the_cells_of_scikit_fem(seed):
-    """Bisect tetrahedra where no two edges are equally long, so that the result is unique."""
+    """Bisect tetrahedra without edges of equal length, so that the result is unique."""
     skfem = pytest.importorskip("skfem")
     mesh = triangulate_random_points(seed)
     marked = np.random.default_rng(seed).random(mesh.n_cells) < 0.2
@@ -101,7 +101,7 @@ def test_cells_whose_parts_would_have_curved_faces_are_refused(make):
 @pytest.mark.long
 @pytest.mark.parametrize("axes", [3, 2, 1], ids=["point", "edge", "face"])
 def test_thirty_six_bisections_keep_the_shapes_of_the_first_three(axes):
-    """Refine towards a point, a line or a plane: three bisections halve a cell in every direction."""
+    """Refine towards a point, a line or a plane. Three bisections halve a cell in every direction."""
     mesh, shapes = tetrahedra(2), []
     for _ in range(36):
         away = np.abs(mesh.centroids - [0.31, 0.42, 0.57])

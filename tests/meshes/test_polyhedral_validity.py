@@ -19,7 +19,7 @@ TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
 
 
 def make_cube(low=(0, 0, 0), width=1.0, first=0):
-    """Return points and faces of a cube whose nodes are numbered from `first`."""
+    """Return points and faces of a cube, with nodes numbered from `first`."""
     return [tuple(np.add(low, width * np.array(p))) for p in CUBE], [[first + k for k in face] for face in FACES]
 
 
@@ -39,7 +39,7 @@ GEOMETRY = [
     ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face 0 \(0, 2, 1\) has no area"),
     ([*CUBE, *NEXT], [FACES, RIGHT, RIGHT], r"cells 0, 1, 2 overlap at their face"),
     ([*CUBE, *NEXT], [FACES, [[1, 7, 5, 3], *RIGHT[1:]]], r"cell 1 is not closed, .*: its edge \(1, 5\) belongs to 1"),
-    # The right cube has two triangles in place of the common square.
+    # The right cube has two triangles instead of the common square.
     (
         [*CUBE, *NEXT],
         [FACES, [*RIGHT[1:], [1, 5, 7], [1, 7, 3]]],
@@ -70,7 +70,7 @@ CROSS = CROSS, ([(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_cells_that_do_not_fit_together_are_refused(offset):
-    """Put a cube into another cube, put cubes side by side without common nodes, and let two bars cross."""
+    """Test a cube in another cube, adjacent cubes without common nodes, and two bars that cross."""
     for blocks, subject in (
         (
             [make_cube(), make_cube((0.25, 0.25, 0.25), 0.5)],
@@ -87,7 +87,7 @@ def test_cells_that_do_not_fit_together_are_refused(offset):
 
 
 def make_prism(*profile):
-    """Return points and faces of the prism over a polygon."""
+    """Return points and faces of a prism over a polygon."""
     n = len(profile)
     points = np.array([(*place, z) for z in (0.0, 1.0) for place in profile], dtype=float)
     sides = [[k, (k + 1) % n, (k + 1) % n + n, k + n] for k in range(n)]
@@ -95,7 +95,7 @@ def make_prism(*profile):
 
 
 def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
-    """Try a prism whose outline crosses itself, a ring that touches itself, a cavity, and a one-sided surface."""
+    """Test a prism with a crossing outline, a ring that touches itself, a cavity, and a one-sided surface."""
     crossing = make_prism((0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2))
     ring = [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (3, 2), (3, 1), (1, 1), (1, 2), (2, 2.5), (1, 3), (0, 3)]
     for points, cells in (crossing, make_prism(*ring)):
@@ -159,7 +159,7 @@ def test_points_in_single_precision_are_valid():
 
 
 def test_tiny_edges_are_valid():
-    """Cut off a corner of the size 1e-6, or 1e-10, from the unit cube."""
+    """Cut a corner of the size 1e-6 or 1e-10 off the unit cube."""
     for tiny in (1e-6, 1e-10):
         points = [*CUBE[:7], (1 - tiny, 1, 1), (1, 1 - tiny, 1), (1, 1, 1 - tiny)]
         faces = [FACES[0], [1, 3, 9, 8, 5], FACES[2], [2, 6, 7, 9, 3], FACES[4], [4, 5, 8, 7, 6], [7, 8, 9]]
@@ -174,7 +174,7 @@ def test_flat_cells_and_cells_in_arrays_are_valid():
 
 @pytest.mark.long
 def test_cells_damaged_at_random_are_refused_or_valid():
-    """Test meshes with one damaged cell: they are refused, or have closed cells with positive volumes."""
+    """Meshes with a damaged cell are refused, or have closed cells with positive volumes."""
     rng = np.random.default_rng(1)
     meshes = [make(2, seed=2) for make in vx.meshes.SPACE_FAMILIES.values()] + [refined_cubes(2)]
     count = 0
@@ -197,7 +197,7 @@ def test_cells_damaged_at_random_are_refused_or_valid():
 
 
 def damage(points, cells, rng):
-    """Replace, move or drop a point, a face or a cell of a mesh in place."""
+    """Change or remove a point, a face or a cell in place."""
     cell = cells[rng.integers(len(cells))]
     face = cell[rng.integers(len(cell))]
     at, other = int(rng.integers(len(face))), int(rng.integers(-2, len(points) + 2))

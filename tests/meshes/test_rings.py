@@ -40,7 +40,7 @@ def test_a_ring_has_the_area_and_the_sides_of_its_polygons(radii, angles):
 
 @mostly_long("radii, kinds", [([0.5, 1.0], {6}), ([0.0, 0.5, 1.0], {5, 6})], 1)
 def test_prisms_over_rings_are_tubes_and_cylinders(radii, kinds):
-    """Cells are hexahedra or wedges; a conversion to meshio and back keeps their nodes."""
+    """Cells are hexahedra or wedges. Conversion to meshio and back keeps the nodes."""
     solid = ring(radii, 8).extruded([0.0, 0.5, 1.0])
     assert set(np.diff(solid.cell_offsets)) == kinds
     assert {"outer", "bottom", "top"} <= set(solid.boundaries)

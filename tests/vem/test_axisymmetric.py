@@ -13,7 +13,7 @@ from vemcvx.vem.tensors import moduli_of_revolution
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "nonconvex", "hanging")
 MU = 1.0 / 2.6  # for young = 1, poisson = .3
-FIELDS = {  # displacement (u_r, u_z) of points, and the body force that balances its stresses
+FIELDS = {  # displacement (u_r, u_z), and the body force that balances the stresses
     "u_r = r": (lambda x: np.column_stack([x[:, 0], 0.0 * x[:, 0]]), None),
     "u_z = z": (lambda x: np.column_stack([0.0 * x[:, 0], x[:, 1]]), None),
     "u_z = r": (lambda x: np.column_stack([0.0 * x[:, 0], x[:, 0]]), lambda x, t: [[0.0, -MU / r] for r in x[:, 0]]),
@@ -40,7 +40,7 @@ def test_fields_of_constant_strain_are_exact_at_any_radius(family, inner):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_only_the_translation_along_the_axis_has_no_energy(family):
-    mesh = getattr(vx.meshes, family)(1, box=((1.0, 2.0), (0.0, 1.0)))  # a single layer must also resist rotation
+    mesh = getattr(vx.meshes, family)(1, box=((1.0, 2.0), (0.0, 1.0)))  # rotation of a single layer must have an energy
     A = stiffness(Space(mesh, axisymmetric=True), *np.ones((2, mesh.n_cells))).toarray()
     values = np.linalg.eigvalsh(A)
     assert np.array_equal(A, A.T)
@@ -67,7 +67,7 @@ def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson)
         mesh = getattr(vx.meshes, family)(n, box=((1.0, 2.0), (0.0, 0.5)))
         history = tube(mesh, poisson)
         exact = lame(mesh.points[:, 0], 10.0, 1.0, 2.0, 1000.0, poisson)
-        # The energy is half the work of the pressure over the full turn; the square root of its error is of order h.
+        # The energy is half the work of the pressure. The square root of the error is of order h.
         energy = 0.5 * 10.0 * (2.0 * np.pi * 1.0 * 0.5) * lame(1.0, 10.0, 1.0, 2.0, 1000.0, poisson)
         errors.append(np.sqrt(abs(history.energy[-1] / energy - 1.0)))
         assert np.allclose(history.force(vx.Pressure)[-1], [2.0 * np.pi * 1.0 * 0.5 * 10.0, 0.0], rtol=1e-12)
@@ -76,17 +76,16 @@ def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson)
     cell = int(np.argmin(np.abs(mesh.centroids - [1.5, 0.25]).sum(axis=1)))
     hoop = 10.0 / 3.0 * (1.0 + 4.0 / mesh.centroids[cell, 0] ** 2)
     assert history.out_of_plane_stress(1)[cell] == pytest.approx(hoop, rel=0.02)
-    # The hoop stress of a tube under pressure is its largest principal stress.
     assert np.array_equal(history.principal_stresses(1)[:, 0], history.out_of_plane_stress(1))
 
 
 @pytest.fixture(scope="module")
 def press_fit():
-    """Return the history of a hub that is shrunk by .002 onto a shaft of the same length, and then pushed off."""
+    """Return the history of a hub that is shrunk by .002 onto a shaft of equal length, and pushed off."""
     shaft, hub = (vx.meshes.squares((4, 40), box=((r, r + 1.0), (0.0, 20.0))) for r in (1.0, 2.0))
     mesh = vx.meshes.bodies({"hub": hub, "shaft": shaft})
     scene = vx.Scene(
-        steel(1000.0, 0.0),  # without Poisson's effect, friction does not change the pressure
+        steel(1000.0, 0.0),  # without Poisson's effect, friction and pressure are independent
         vx.UnilateralContact(on="hub|shaft", gap=lambda x, t: np.full(len(x), -2e-3 * min(t, 1.0))),
         vx.CoulombFriction(0.2, on="hub|shaft"),
         vx.PrescribedDisplacement(0.0, on="shaft.bottom", direction=(0.0, 1.0)),
@@ -96,7 +95,7 @@ def press_fit():
 
 
 def test_the_force_that_pushes_a_hub_off_is_the_friction_under_lames_pressure(press_fit):
-    # Lame's pressure in plane stress, for interference d and the radii a = 1, b = 2, c = 3, is p = E d / (b (C + D))
+    # For the interference d and the radii a = 1, b = 2, c = 3, Lame's pressure in plane stress is p = E d / (b (C + D))
     # with C = (b^2 + a^2) / (b^2 - a^2) and D = (c^2 + b^2) / (c^2 - b^2).
     pressure = 1000.0 * 2e-3 / 2.0 / ((4.0 + 1.0) / (4.0 - 1.0) + (9.0 + 4.0) / (9.0 - 4.0))
     push = 0.2 * pressure * 2.0 * np.pi * 2.0 * 20.0

@@ -14,7 +14,7 @@ YOUNG, POISSON, PULL = 7.0, 0.3, 0.2
 
 
 def compute_strain(plane):
-    """Return the strains, along x and y, of a bar that is pulled along x and has free sides."""
+    """Return the strains along x and y of a bar under tension along x."""
     if plane == "stress":
         return PULL / YOUNG, -POISSON * PULL / YOUNG
     return PULL * (1 - POISSON**2) / YOUNG, -PULL * POISSON * (1 + POISSON) / YOUNG
@@ -22,7 +22,7 @@ def compute_strain(plane):
 
 @mostly_long("plane, stabilisation", [("strain", "shear"), ("stress", "unit")])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
-    """Prescribe u . n on the left, contact and friction of bound zero on the bottom, and a traction on the right."""
+    """Prescribe u . n on the left, contact without friction on the bottom, and a traction on the right."""
     mesh = small(family, 4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),
@@ -40,7 +40,7 @@ def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
 
 
 def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
-    """Prescribe u = a + G x on two sides, and its traction sigma n on the other two, one of which is inclined."""
+    """Prescribe u = a + G x on two sides, and the traction sigma n on two other sides."""
     mesh = small(family, 4)
     points = mesh.points + 0.25 * mesh.points[:, 1:] * [1.0, 0.0]
     mesh = vx.PolygonMesh(points, mesh.cells, boundaries={k: v for k, v in mesh.boundaries.items() if k != "boundary"})
@@ -48,7 +48,7 @@ def test_a_sheared_body_between_prescribed_displacements_and_tractions(family):
     mu = YOUNG / (2 * (1 + POISSON))
     lam = 2 * mu * POISSON / (1 - 2 * POISSON)
     sigma = mu * (G + G.T) + lam * np.trace(G) * np.eye(2)
-    inclined = np.array([1.0, -0.25]) / np.hypot(1.0, 0.25)  # the normal of the right side
+    inclined = np.array([1.0, -0.25]) / np.hypot(1.0, 0.25)  # normal of the right side
 
     def field(x, t):
         return t * (x @ G.T + [0.1, -0.2])

@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Relative tolerance of ratios: energies are computed by linear elements inside the cell, with errors up to .018."""
+"""Relative tolerance of ratios, whose energies have errors up to .018 from linear elements inside the cell."""
 
 
 def make_rectangle(a, b):
@@ -19,17 +19,17 @@ def make_rectangle(a, b):
 
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 3.0)])
 def test_hourglass_modes_of_rectangles(a, b):
-    """The displacements (xy, 0) and (0, xy) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
+    """The displacements (x y, 0) and (0, x y) have the ratios 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2)."""
     exact = sorted([6 * a * b / (a * a + 2 * b * b), 6 * a * b / (b * b + 2 * a * a)])
     assert lesson.spectrum(make_rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
 
 
 def test_nu_changes_only_the_ratio_to_the_energy_with_dilatation():
-    """S / a_mu does not depend on nu. With the dilatation energy a_lambda, S / (a_mu + a_lambda) is O(1 / lambda)."""
+    """S / a_mu is independent of nu. With the dilatation energy a_lambda, S / (a_mu + a_lambda) is O(1 / lambda)."""
     rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
     assert np.ptp([row[0] for row in rows]) == 0.0
     assert np.ptp([row[1] for row in rows]) == 0.0
-    # From the second row to the third, lambda grows a thousandfold.
+    # lambda is a thousand times larger in the third row than in the second row.
     assert rows[1][2] / rows[2][2] == pytest.approx(1000, rel=0.02)
 
 
@@ -43,7 +43,7 @@ def test_ratios_are_bounded_on_every_family(family):
 
 
 def test_short_edges_reduce_the_least_ratio_like_a_logarithm():
-    """1 / (least ratio) grows by the same amount per decade of the edge length; the greatest ratio is bounded."""
+    """1 / (least ratio) grows by equal amounts per decade of the edge length. The greatest ratio is bounded."""
     ratios = [1e-2, 1e-3, 1e-4, 1e-5]
     found = np.array([lesson.spectrum(lesson.square_without_corner(ratio)) for ratio in ratios])
     growth = np.diff(1 / found[:, 0])

@@ -37,7 +37,7 @@ def test_the_patch_test():
 
 @pytest.mark.long
 def test_the_d_recipe_locks_unless_it_is_deviatoric():
-    """At nu = .49999, `DRecipe()` has 2.7 times the error of the default; with `deviatoric=True` the same error."""
+    """At nu = .49999, `DRecipe()` has 2.7 times the default error. `DRecipe(deviatoric=True)` has the default error."""
     default, locked, free = (
         own.errors(one, "voronoi", (8,), 0.49999)[0] for one in ("shear", own.DRecipe(), own.DRecipe(deviatoric=True))
     )
@@ -46,7 +46,7 @@ def test_the_d_recipe_locks_unless_it_is_deviatoric():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """Energies of vertex values 1, -1, 1, -1: 8 mu with `Boundary`, lam + 3 mu with `DRecipe`, 4 mu if deviatoric."""
+    """Vertex values 1, -1, 1, -1 have the energies 8 mu for `Boundary`, and lam + 3 mu or 4 mu for `DRecipe`."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):
@@ -62,7 +62,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """Fields that differ by w have the squared nodal distance w'Aw, with the stiffness matrix A."""
+    """Fields with the difference w have the squared nodal distance w'Aw, with the stiffness matrix A."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)
@@ -82,7 +82,7 @@ def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
 
 @pytest.mark.long
 def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
-    """A history that was read from a file gives the same distance as the history in memory."""
+    """Histories from a file and in memory have equal distances."""
     mesh = small("voronoi", 3)
     for name in ("unit", own.Boundary()):
         history = simulate_bar(name, mesh)
@@ -97,7 +97,7 @@ def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
 
 
 class Softer(vx.Elasticity):
-    """A material whose stiffness has another stabilisation than the material declares."""
+    """A material with two different stabilisations in the stiffness and in `stabilisation`."""
 
     def contribute(self, space):
         ours = super().contribute(space)
@@ -114,9 +114,9 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Return squared parts of the budget, and the number of cells whose stabilisation energy exceeds their edge energy.
+    """Return squared parts of the budget, and the number of cells in which S_K exceeds the edge energy.
 
-    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" is the sum over cells of the larger energy.
+    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" sums the larger energy in each cell.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)
@@ -171,7 +171,7 @@ def test_bounds_hold_whatever_the_stabilisation():
 
 
 class Wrong(vx.Stabilisation):
-    """A stabilisation with the form change(mu I), for a given function `change`."""
+    """A stabilisation with the form change(mu I)."""
 
     def __init__(self, change):
         self.change = change

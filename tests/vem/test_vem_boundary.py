@@ -24,7 +24,7 @@ def make_polygon(*points):
 
 
 def test_the_whole_boundary_satisfies_the_theorem_of_gauss(family):
-    """int n ds = 0 and int x . n ds = 2 |Omega|; nodal lengths add up to the perimeter."""
+    """int n ds = 0 and int x . n ds = 2 |Omega|. The sum of nodal lengths is the perimeter."""
     space = make_space(family)
     part = space.part("boundary", "test")
     midpoints = space.mesh.points[part.sides].mean(axis=1)
@@ -60,7 +60,7 @@ def test_overlapping_names_count_edges_once_in_any_order():
 
 
 def test_short_edges_on_an_inclined_side_make_no_corners():
-    """Rounding rotates an edge of length 1e-12 by up to 1e-4; its nodes have the normal of the long edges."""
+    """Rounding rotates an edge of length 1e-12 by up to 1e-4."""
     direction = np.array([np.cos(0.3), np.sin(0.3)])
     on_side = [s * direction for s in (0.0, 0.5, 0.5 + 1e-12, 1.0)]
     space = make_polygon(*on_side, (0.0, 1.0))
@@ -81,7 +81,7 @@ def test_sides_at_angles_below_42_and_a_half_degrees_are_a_curve(degrees):
 
 
 def test_normals_of_a_regular_polygon_are_radial():
-    """`cosines` are the cosines of half the angle between the normals of two sides."""
+    """`cosines` are cosines of half the angle between the normals of neighbouring sides."""
     corners = [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 13)[:-1]]
     rows = Space(make_polygon(*corners).mesh).part("boundary", "test").node_normals
     assert len(rows.nodes) == 12
@@ -91,7 +91,7 @@ def test_normals_of_a_regular_polygon_are_radial():
 
 @pytest.mark.parametrize("turns", [(0.1, 0.1), (0.1, 0.3), (0.02, 0.5)])
 def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_nodes(turns):
-    """The error is O(angle^3). Smaller weights of very short sides add a small fraction of the angle."""
+    """The error is O(angle^3), plus a small fraction of the angle from very short sides."""
     angles = np.array([-0.5 * np.pi - turns[0], -0.5 * np.pi, -0.5 * np.pi + turns[1]])
     mesh = make_polygon(*np.column_stack([np.cos(angles), np.sin(angles)]), (0, 3)).mesh
     rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < -0.5)).part("base", "test").node_normals
@@ -101,23 +101,23 @@ def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_n
 
 
 def test_normals_of_a_sphere_are_radial():
-    """Triangles have random nodes on the sphere; their normals are averaged with the weights of Max (1999)."""
+    """Normals of random triangles are averaged with the weights of Max (1999)."""
     points = np.random.default_rng(3).normal(size=(150, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     cells = [[*triangle, len(points)] for triangle in ConvexHull(points).simplices]
     tetrahedra = [[[c[a], c[b], c[d]] for a, b, d in ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))] for c in cells]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)  # vemcvx warns that it reverses faces
+        warnings.simplefilter("ignore", MeshWarning)  # faces are reversed with a warning
         mesh = vx.PolyhedralMesh(np.vstack([points, np.zeros(3)]), tetrahedra)
     rows = Space(mesh).part("boundary", "test").node_normals
     smooth = np.bincount(rows.nodes, minlength=len(points))[rows.nodes] == 1
     assert smooth.mean() > 0.9
-    # Normals weighted by areas would be off by .12.
+    # Area weights would give an error of .12.
     assert np.median(np.linalg.norm(rows.normals - mesh.points[rows.nodes], axis=1)[smooth]) <= 1e-3
 
 
 def test_integral_weights_are_exact_for_degree_six(family):
-    """int x^6 phi_i over the bottom is computed from the antiderivatives of x^6 and x^7."""
+    """Compute int x^6 phi_i over the bottom from the antiderivatives of x^6 and x^7."""
     space = make_space(family)
     rows = space.part("bottom", "test").node_normals
     order = np.argsort(space.mesh.points[rows.nodes, 0])

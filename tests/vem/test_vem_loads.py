@@ -12,7 +12,6 @@ import vemcvx as vx
 from vemcvx.vem import Space, edge_load
 from vemcvx.vem.loads import cell_load, cell_quadrature, mean_strains
 
-# Nodal loads are sums of at most a few hundred products of numbers near one.
 TOLERANCE = 1e-13
 BOX = ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6))
 OFFSET, SLOPE = np.array([1.0, 0.5, -0.2]), np.array([[2.0, -0.3, 0.7], [-1.0, 4.0, 0.1], [0.6, 0.2, 1.5]])
@@ -29,7 +28,7 @@ def evaluate_monomials(x):
 
 
 def integrate(corners):
-    """Integrate the monomials over the triangles of each side and the origin, from their three edge midpoints."""
+    """Integrate the monomials over triangles with the origin, by the midpoints of edges."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3
@@ -44,7 +43,7 @@ SHAPES = {
     ],
     "straight vertices": [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
     "thin": [(1, 1e-5), (0.3, 7e-5), (-0.8, 6e-5), (-0.9, -4e-5), (0.2, -1e-4)],
-    # A rule of four points, as for other cells, would have points on the base of this triangle.
+    # The rule of four points would have points on the base of this triangle.
     "hanging node": [(-1, 0), (0, 0), (1, 0), (0, 1.5)],
 }
 
@@ -65,7 +64,7 @@ def test_quadrature_is_exact_for_degree_two_with_points_inside_cells_of_any_shap
 
 @pytest.mark.parametrize("name", [*FAMILIES, *SOLIDS])
 def test_vertices_share_the_force_on_a_cell_equally(name):
-    """Each of the n vertices of a cell K receives |K| f(centroid) / n of an affine force f."""
+    """A vertex of a cell K with n vertices gets |K| f(centroid) / n of an affine force f."""
     mesh = small(name, 4) if name in FAMILIES else solid(name, 2, BOX)
     (offsets, nodes), expected = mesh.cell_nodes, np.zeros(mesh.points.shape)
     count = np.diff(offsets)

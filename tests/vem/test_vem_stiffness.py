@@ -27,7 +27,7 @@ LONG = dict.fromkeys(("kelvin", "prisms"), pytest.mark.long)
 
 @pytest.fixture(params=[pytest.param(name, marks=LONG.get(name, ())) for name in (*FAMILIES, *SOLIDS)])
 def mesh(request):
-    """Return a mesh of a family in the plane, or of a box in space."""
+    """Return a mesh in the plane or in space."""
     name = request.param
     return small(name, 4) if name in FAMILIES else solid(name, 2, ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6)))
 
@@ -85,7 +85,7 @@ def test_linear_displacements_have_the_forces_of_their_stresses_and_tractions(me
 
 
 def split_centre(gap):
-    """Return four cells whose common corner is torn into an edge of length `gap`."""
+    """Return four cells with a middle edge of length `gap`."""
     points = [[0, 0], [0.5, 0], [1, 0], [0, 0.5], [0.5, 0.5], [0.5 + gap, 0.5], [1, 0.5], [0, 1], [0.5, 1], [1, 1]]
     return vx.PolygonMesh(points, [[0, 1, 5, 4, 3], [1, 2, 6, 5], [3, 4, 8, 7], [4, 5, 6, 9, 8]])
 
@@ -112,7 +112,7 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
 
 
 def compute_by_formula(mesh, tau):
-    """Compute the matrix (3.13) of the paper. In each cell, Pi of the basis functions solves a 6 x 6 system."""
+    """Compute the matrix (3.13) of the paper. In a cell, Pi of a basis function solves a 6 x 6 system."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
     for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)
@@ -121,7 +121,7 @@ def compute_by_formula(mesh, tau):
         normal, length = np.column_stack([chord[:, 1], -chord[:, 0]]), np.linalg.norm(chord, axis=1)
 
         def moments(v, normal=normal, length=length):
-            """Integrate strain and rotation over the cell, and the field over its boundary, for v linear on edges."""
+            """Integrate strain and rotation over a cell, and v over the boundary, for v linear on edges."""
             mean = 0.5 * (v + np.roll(v, -1, axis=0))
             d = np.einsum("ia,ib->ab", mean, normal)
             return np.array([d[0, 0], d[1, 1], d[0, 1] + d[1, 0], d[1, 0] - d[0, 1], *(length @ mean)])
@@ -174,7 +174,7 @@ FACES = {
 
 @pytest.mark.parametrize("name", FACES)
 def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
-    """A face of area A and centroid c has the weights a_i = int phi_i, with sum a_i = A and sum a_i x_i = A c."""
+    """On a face of area A and centroid c, sum a_i = A and sum a_i x_i = A c for a_i = int phi_i."""
     flat = np.array(FACES[name], dtype=float)
     after = np.roll(flat, -1, axis=0)
     cross = flat[:, 0] * after[:, 1] - after[:, 0] * flat[:, 1]
@@ -203,7 +203,7 @@ def test_weights_of_vertices_of_a_face_are_positive_and_exact(name):
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 @pytest.mark.filterwarnings("ignore:Elasticity. poisson")
 def test_errors_in_space_halve_with_h_for_small_and_large_lambda(family):
-    """The ratio lambda / mu is 1.5 or 1e6; for tetrahedra only 1.5, because linear elements lock at 1e6."""
+    """The ratio lambda / mu is 1.5 or 1e6. For tetrahedra, the ratio is 1.5, because linear elements lock at 1e6."""
     for poisson in (0.3,) if family == "tetrahedra" else (0.3, 0.4999995):
         scene, lam = full_slip.scene(poisson, pulled=True), full_slip_in_plane.lame(poisson)
         runs = (vx.simulate(scene, vx.meshes.SPACE_FAMILIES[family](n), [0.0, 1.0], check=False) for n in (4, 8))

@@ -1,7 +1,7 @@
 """Refinement in space: bisection of some tetrahedra, or splitting of all cells.
 
-*Tetrahedra.* A cell is bisected through the midpoint of its longest edge. Every cell with a new node on an edge is then
-bisected in the same way, until no edge has a node inside (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
+*Tetrahedra.* A cell is bisected through the midpoint of the longest edge. Every cell with a new node on an edge is then
+bisected in the same way, until no edge has a hanging node (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
 Among longest edges of equal length, node numbers decide. Coinciding nodes at an interface count as one node.
 
 *Other cells* are split into one part per vertex. New nodes are the midpoints of edges, and the centroids of faces and
@@ -36,8 +36,8 @@ from vemcvx.meshes.polyhedra import FACES, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face of a tetrahedron, in the order of `FACES`
-ALL_DIRECTIONS = 3  # number of successive bisections, which divide the volume by 8
+OPPOSITE = [3, 2, 0, 1]  # corner opposite to each face in `FACES`
+ALL_DIRECTIONS = 3  # number of bisections that divide the volume by 8
 
 
 def refine_mesh(mesh: Any, cells: ArrayLike | None) -> Any:
@@ -75,8 +75,8 @@ def check_tetrahedra(mesh: PolyhedralMesh, subject: str) -> None:
 class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection."""
 
-    corners: Ints  # (n, 4) nodes; the first three run counter-clockwise, seen from the fourth
-    parts: Ints  # (n, 4) original boundary face that contains the face opposite to the corner, or -1
+    corners: Ints  # (n, 4) nodes, with the orientation of `FACES`
+    parts: Ints  # (n, 4) original boundary face on the side opposite to the corner, or -1
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections of the original cell
 
@@ -94,7 +94,7 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the longest edges (n, 2) as pairs of local corners."""
+        """Return the longest edges (n, 2) as positions in rows of `corners`."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
@@ -114,7 +114,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMesh:
-    """Bisect marked cells `cuts` times, and further cells with nodes inside edges."""
+    """Bisect marked cells `cuts` times, and further cells until no node hangs."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():
@@ -139,7 +139,6 @@ def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMe
 
 
 def _parts(made: PolyhedralMesh, listed: Ints) -> Ints:
-    """Return the values on boundary faces."""
     of_face = np.empty(made.n_faces, dtype=np.int64)
     of_face[made.cell_faces] = listed.ravel()
     return of_face[made._boundary]
@@ -158,7 +157,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> PolyhedralMesh:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # The part at a vertex v has one quadrilateral in each face with v, and one across each edge with v.
+    # The part at a vertex has a quadrilateral in each adjacent face, and a quadrilateral across each adjacent edge.
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

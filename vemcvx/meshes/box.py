@@ -1,4 +1,4 @@
-"""Checks of boxes, numbers of cells, names and data of meshes."""
+"""Checks of boxes, numbers of cells, names and cell data."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Box:
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
     def ticks(self, *counts: int) -> list[Floats]:
-        """Return the ends of equal intervals along each axis."""
+        """Return the ends of equal intervals along the axes."""
         ends = zip(self.low, self.high, counts, strict=True)
         return [np.linspace(low, high, count + 1) for low, high, count in ends]
 
@@ -96,7 +96,6 @@ def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """Return the number of cells along each axis before rounding."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"give either n (cells along the shortest side) or size= (the width of a cell); got {both}.")
@@ -124,7 +123,7 @@ def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Fl
 
 WHOLE = "boundary"
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
-"""The names of the sides at the least and the greatest coordinate, by dimension and axis."""
+"""Dimension -> for each axis, names of the sides at the least and the greatest coordinate."""
 T = TypeVar("T")
 
 
@@ -183,5 +182,4 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
     array = plain(values)
-    # Every check refuses an empty array of objects.
     return np.empty(0, dtype=object) if array is None else array

@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
     """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
 
-    `parents[k]` is the old cell of the new cell k. The new boundary side k lies on the old boundary side `parts[k]`.
+    The new cell k is part of the old cell `parents[k]`. The new boundary side k is part of the old side `parts[k]`.
     """
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, made.n_cells)
 
@@ -46,7 +46,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return a number for the midpoint of each edge (e, 2), equal for coinciding midpoints."""
+    """Return numbers (e,) of midpoints, equal for coinciding midpoints."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 
@@ -70,7 +70,7 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
 
 
 def check_lengths(points: Floats, ends: Ints) -> None:
-    """Raise MeshError if the midpoint of an edge would be lost in the rounding of the coordinates."""
+    """Raise MeshError if an edge is too short for a midpoint."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
     short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
     if len(short):

@@ -1,7 +1,7 @@
-"""Cracks between two sets of cells, and cuts of a mesh in two, along edges (in space: faces).
+"""Cracks between two sets of cells, and cuts of a mesh into two parts.
 
-The corners of cells at a node form groups: two neighbouring cells are in one group if the edge or face between them is
-not cut. Each group gets its own node. At a crack tip there is one group, so the node stays single.
+Cuts divide the cells at a node into groups. Two neighbours are in one group if the common edge or face is not cut.
+Every group gets a node. At a crack tip, all cells form one group, and the node stays single.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the new node of each corner, and the old node of each new node."""
+    """Return new nodes of corners, and old nodes of new nodes."""
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
-    first = np.unique(parted)  # each group is identified by its first corner
+    first = np.unique(parted)  # the first corner identifies a group
     fresh = ~np.isin(first, np.unique(whole))
     number = np.where(fresh, count + np.cumsum(fresh) - 1, nodes[first])
     return number[np.searchsorted(first, parted)], np.concatenate([np.arange(count), nodes[first[fresh]]])
@@ -116,7 +116,7 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
     """Cut the mesh of a body in two along a straight line of edges (in space: a plane of faces).
 
-    :func:`vemcvx.meshes.bodies` joins both parts again; the cut becomes an interface, for example for `Pretension`.
+    :func:`vemcvx.meshes.bodies` joins both parts again. The cut becomes an interface, for example for `Pretension`.
     Both parts keep cell data and names of boundaries.
 
     Parameters
@@ -124,17 +124,17 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
     mesh : PolygonMesh or PolyhedralMesh
         The mesh of one body, without interfaces.
     point, normal : (dim,) array_like
-        A point on the line or plane, and a normal vector of any length. The part ahead is on the side of the normal.
+        A point on the line or plane, and a normal vector of any length, which points to the part `ahead`.
 
     Returns
     -------
     behind, ahead : PolygonMesh or PolyhedralMesh
-        The two parts; nodes and cells keep their order.
+        The two parts. Nodes and cells keep their order.
 
     Raises
     ------
     MeshError
-        The line or plane crosses cells; the whole mesh is on one side; or the mesh has interfaces.
+        The line or plane crosses cells, the whole mesh is on one side, or the mesh has interfaces.
 
     Examples
     --------
@@ -173,5 +173,5 @@ def _select(mesh: Any, chosen: Bools) -> Any:
             named[name] = np.split(nodes, offsets[1:-1])
     cells = [mesh.cells[k] for k in np.flatnonzero(chosen)]
     data = {name: values[chosen] for name, values in mesh.cell_data.items()}
-    with quietly():  # nodes of other cells are dropped, with a warning
+    with quietly():  # suppresses the warning about dropped nodes
         return type(mesh)(mesh.points, cells, boundaries=named, cell_data=data)

@@ -26,7 +26,9 @@ from vemcvx.meshes.polygons import (
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges (in space: faces) of one body that coincide with edges of another body. Each body has its own nodes.
+    """Edges (in space: faces) of one body that coincide with edges of another body.
+
+    Coinciding nodes have different numbers.
 
     Attributes
     ----------
@@ -52,7 +54,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Sorted pairs (m, 2) of coinciding nodes; the first column has nodes of the first body."""
+        """Sorted pairs (m, 2) of coinciding nodes, first body before second body."""
         known = self.edges >= 0
         return np.unique(np.column_stack([self.edges[known], self.partners[known]]), axis=0)
 
@@ -97,7 +99,7 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return the nodes of edges or faces that occur twice, and the coinciding nodes."""
+    """Return the nodes of coinciding edges or faces on both sides."""
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
@@ -167,6 +169,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the positions on the boundary of edges or faces with the nodes `side`."""
+    """Return the positions in `outlines` of edges or faces with nodes `side`."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

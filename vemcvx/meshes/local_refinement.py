@@ -1,11 +1,12 @@
 """Local refinement of polygonal meshes: marked cells are split, and neighbours get hanging nodes.
 
-A *bend* is a vertex at which the outline of a cell is not straight. A *corner* is a bend by more than `CORNER_ANGLE`;
-in cells with fewer than three such bends, all bends are corners. A *side* is the outline between neighbouring corners.
+A *bend* is a vertex at which the outline of a cell is not straight. A *corner* is a bend by more than `CORNER_ANGLE`.
+If a cell has fewer than three corners by this rule, all bends are corners. A *side* is the outline between neighbouring
+corners.
 
 A side is *long* if the cell is a triangle, or if the side has at least `LONG_SIDE` times the diameter of the cell. A
-long side is split at a vertex near the midpoint of the side, or else at the midpoint of the middle edge. Short sides
-stay whole, because splitting short sides would make Voronoi cells thinner and thinner.
+long side is split at a vertex near the midpoint of the side. If no vertex is near, the edge with the midpoint is
+halved. Short sides stay whole, because Voronoi cells would become thinner and thinner.
 
 Split points are joined to the centre of the cell. The three split points of a triangle are joined to each other. A
 convex cell with two split points is cut between the two points. Further cells are split until unsplit cells get at most
@@ -42,23 +43,23 @@ from vemcvx.meshes.polygons import (
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
-"""Least length of a long side, relative to the diameter of the cell; sides of a regular decagon have 0.31."""
+"""Least length of a long side, relative to the diameter of the cell; 0.31 in a regular decagon."""
 
 
 class Splitting(NamedTuple):
-    """The points at which cells would be split."""
+    """The split points of all cells."""
 
     sides: Ints  # (n_cells,) number of sides
-    all_long: Bools  # (n_cells,) True if all sides of the cell are split
+    all_long: Bools  # (n_cells,) True if all sides are long
     convex: Bools  # (n_cells,)
-    places: Ints  # (n_cells,) number of points at which the outline is split
-    bend: Bools  # (n_corners,) vertices at which the outline is not straight
-    vertex: Bools  # (n_corners,) True if the outline is split at this vertex
-    edge: Bools  # (n_corners,) True if the edge that starts at this vertex is split at its midpoint
+    places: Ints  # (n_cells,) number of split points
+    bend: Bools  # (n_corners,)
+    vertex: Bools  # (n_corners,) True if the vertex is a split point
+    edge: Bools  # (n_corners,) True if the midpoint of the next edge is a split point
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
-    """Return the sides of all cells, and the points at which sides are split."""
+    """Return the split points of all cells."""
     length, turn, bend = _outlines(mesh)
     corner = _choose_flags(np.abs(turn) > CORNER_ANGLE, bend, mesh.offsets)
     order = rotation(corner, mesh.offsets)  # each outline begins at a corner
@@ -93,7 +94,6 @@ def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
 
 
 def _choose_flags(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
-    """Return `flags`, or `otherwise` in cells with fewer than three True flags."""
     few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
@@ -102,7 +102,7 @@ def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
     """Return the vertices and edges at which long sides are split."""
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
-    end = np.cumsum(share)  # relative to the length of the side, so that short sides lose no digits
+    end = np.cumsum(share)  # relative lengths are accurate on short sides
     begin = end - share
     base = begin[first][side]
     begin, end = begin - base, end - base
@@ -110,7 +110,7 @@ def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
     inner[first] = False
     away = np.where(inner, np.abs(begin - 0.5), np.inf)
     nearest = least_of_each(side, away)
-    # a vertex within 0.2 side lengths of the midpoint is taken as the midpoint
+    # A vertex within 0.2 side lengths of the midpoint is a split point.
     taken = away[nearest] <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
     return nearest[taken], np.flatnonzero(between)
@@ -119,12 +119,12 @@ def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
 def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats:
     """Return the centres (n_cells, 2) of cells; raise MeshError if a marked cell is not star-shaped.
 
-    shape of the cell          centre
-    four long sides, convex    the mean of the four vertices; repeated refinement leads to parallelograms
-    four sides, not convex     (x_1 + x_3) / 2 if the outline turns right at x_1
-    other convex cells         the centroid
-    other cells                the centroid if it is at least 0.1 diameters left of the lines of all edges, else the
-                               centre of the largest ball to the left of these lines
+    cell                            centre
+    convex, four bends, long sides  the mean of the four bends
+    not convex, four bends          (x_1 + x_3) / 2 if the outline turns right at x_1
+    other convex cells              the centroid
+    other cells                     the centroid if it lies 0.1 diameters or more to the left of all edges, else the
+                                    centre of the largest ball to the left of all edges
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)
@@ -167,7 +167,7 @@ def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats,
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres of quadrilaterals, rounded alike for every choice of the first vertex."""
+    """Return the centres (q, 2) of quadrilaterals, independent of the first vertex."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -180,10 +180,7 @@ def _middles_of_quads(x: Floats) -> Floats:
 def _children(
     outlines: tuple[Ints, Ints], begin: Bools, split: Bools, medial: Bools, centre: Ints
 ) -> tuple[Ints, Ints, Ints]:
-    """Return the offsets, vertices and parents of the new cells.
-
-    A new cell begins at each vertex in `begin`. Triangles in `medial` get a new cell between the midpoints.
-    """
+    """Return the offsets, vertices and parents of the new cells."""
     nodes, owner = outlines[1], cell_of_corner(outlines[0])
     start = np.flatnonzero(begin)
     cell, stop = owner[start], np.append(start[1:], len(nodes))
@@ -198,10 +195,10 @@ def _children(
 
 
 def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
-    """Split marked cells, and cells that would get two hanging nodes between neighbouring bends."""
+    """Split marked cells, and further cells as in `mark_crowded`."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
-    if mesh.interfaces:  # coinciding edges of two bodies are split together
+    if mesh.interfaces:  # Coinciding edges of two bodies are split together.
         edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
     marked = mark_crowded(marked, mesh, splitting, edge)
     centres, cell = centres_of(mesh, splitting, marked), cell_of_corner(mesh.offsets)
@@ -219,7 +216,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
     centred = np.flatnonzero(marked & ~medial & ~((splitting.places == 2) & splitting.convex))
     centre = np.full(mesh.n_cells, -1)
     centre[centred] = mesh.n_nodes + len(ends) + np.arange(len(centred))
-    # insert the midpoints, and let each outline begin where it is split
+    # Insert the midpoints, and let each outline begin at a split point.
     after = np.flatnonzero(middle >= 0) + 1
     nodes = np.insert(mesh.vertices, after, middle[after - 1])
     begin = np.insert(splitting.vertex & marked[cell], after, (splitting.edge & marked[cell])[after - 1])
@@ -240,7 +237,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask (n_corners,) of the edges that marked cells split."""
+    """Return a mask (n_corners,) of the edges split by marked cells."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]

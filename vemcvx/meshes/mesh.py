@@ -1,6 +1,6 @@
 """Immutable meshes of points, cells, named boundaries and cell data.
 
-Neighbouring cells share whole edges or faces: a hanging node is a vertex with an angle of 180 degrees.
+Neighbouring cells share whole edges or faces. At a hanging node, a cell has an angle of 180 degrees.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from vemcvx.meshes.interfaces import Interface, faces_of, on_boundary
 
 
 class Sides(NamedTuple):
-    """The edges (in space: faces) of the cells of a mesh."""
+    """Edges of a plane mesh, or faces of a mesh in space."""
 
     offsets: Ints
-    vertices: Ints  # nodes of the sides, in the order of the first cell
-    cells: Ints  # (n_sides, 2) first and second cell, -1 for no second cell
+    vertices: Ints  # (m,) nodes, oriented as in the first cell
+    cells: Ints  # (n_sides, 2) adjacent cells; the second is -1 on the boundary
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -68,7 +68,7 @@ class Mesh(ABC):
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
-        """Return a mesh of valid arrays, without checks; the sides of ``box`` get names."""
+        """Return the mesh of valid arrays, with names for the sides of `box`."""
         mesh = object.__new__(cls)
         mesh._fill(*arrays)
         return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
@@ -102,7 +102,7 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the nodes of all cells, each node once per cell."""
+        """Offsets (n_cells + 1,), and the nodes of each cell."""
 
     @property
     @abstractmethod
@@ -112,16 +112,16 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def _boundary(self) -> Ints:
-        """The boundary edges (m, 2); in space, the numbers (m,) of boundary faces."""
+        """Boundary edges (m, 2), or in space face numbers (m,)."""
 
     @property
     @abstractmethod
     def _middles(self) -> Floats:
-        """The midpoints (m, 2) of boundary edges; in space, the centroids (m, 3) of boundary faces."""
+        """Midpoints (m, 2) of boundary edges, or centroids (m, 3) of boundary faces."""
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return the positions of the given boundary edges or faces in `_boundary`."""
+        """Return the positions of edges or faces in `_boundary`."""
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -142,13 +142,13 @@ class Mesh(ABC):
 
     @cached_property
     def neighbours(self) -> Ints:
-        """Pairs (m, 2) of adjacent cells, one pair per edge or face, the smaller number first."""
+        """Pairs (m, 2) of adjacent cells, one pair per inner edge or face. The smaller number is first."""
         cells = self._sides.cells
         return read_only(cells[cells[:, 1] >= 0])
 
     @property
     def _inner_outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of the sides between two cells, in the order of `neighbours`."""
+        """Offsets and vertices of inner edges or faces, in the order of `neighbours`."""
         offsets, vertices, cells = self._sides
         return polygons.rows_in_order(offsets, vertices, np.flatnonzero(cells[:, 1] >= 0))
 
@@ -164,7 +164,7 @@ class Mesh(ABC):
 
     @property
     def measures(self) -> Floats:
-        """Areas of the cells, in space volumes, (n_cells,)."""
+        """Areas (n_cells,) of the cells, or volumes in space."""
         return self._measures_and_centroids[0]
 
     @property
@@ -174,7 +174,7 @@ class Mesh(ABC):
 
     @cached_property
     def diameters(self) -> Floats:
-        """Largest distance between two vertices of each cell, (n_cells,)."""
+        """Largest distances (n_cells,) between two vertices of a cell."""
         return read_only(polygons.diameters(self.points, *self.cell_nodes))
 
     @cached_property
@@ -186,7 +186,7 @@ class Mesh(ABC):
     def boundaries(self) -> Mapping[str, Ints]:
         """Named parts of the boundary: edges (m, 2) or, in space, face numbers (m,).
 
-        An edge (a, b) runs counter-clockwise around its cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        Edges run counter-clockwise around cells. An edge (a, b) has the outward normal (y_b - y_a, x_a - x_b) / length.
         "boundary" is the whole boundary. The name of an interface means the edges or faces of the first body.
         """
         own = {name: faces_of(interface.edges, self._outlines) for name, interface in self.interfaces.items()}
@@ -211,10 +211,10 @@ class Mesh(ABC):
         return free
 
     def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-        """Return the boundary edges or faces on each side of a box, by the name of the side."""
+        """Return the boundary edges or faces on the named sides of a box."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-        # At a corner, a very short edge is near two sides of the box: take the parallel side.
+        # Near a corner of the box, a very short edge belongs to the parallel side only.
         longest = np.argmax(high - low, axis=1)
         named = {}
         for axis, names in enumerate(SIDES[len(box.low)]):
@@ -224,7 +224,7 @@ class Mesh(ABC):
         return named
 
     def _check_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Return the named boundaries; raise MeshError for edges or faces inside the mesh."""
+        """Return the named boundaries, or raise MeshError."""
         number = np.arange(self.n_nodes) if node_map is None else node_map
         named = {}
         for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
@@ -242,7 +242,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return positions in `_boundary`, -1 for absent edges or faces, and descriptions."""
+        """Return positions in `_boundary` or -1, and descriptions."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -261,10 +261,9 @@ class Mesh(ABC):
         Parameters
         ----------
         name : str
-            Name of the part. A part with this name is replaced; parts may overlap.
+            Name of the part. A part with this name is replaced. Parts may overlap.
         predicate : callable
-            Function of the midpoints (m, 2) of edges, in space of the centroids (m, 3) of faces, that returns a mask
-            (m,) of bool.
+            Function from midpoints (m, 2) of edges (in space: centroids (m, 3) of faces) to a mask (m,).
         of : str, optional
             Boundary or interface from which to choose; by default the whole boundary without interfaces.
         """
@@ -297,14 +296,14 @@ class Mesh(ABC):
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split. Tetrahedra are split into two or more parts. By default all cells are split, and tetrahedra
-            into eight or more parts. Further cells are split until an edge has at most one hanging node, in space none.
+            Cells to split, by default all cells. Tetrahedra are split into two parts or more, by default into eight
+            parts or more. Further cells are split until an edge has at most one hanging node, or in space none.
 
         Raises
         ------
         MeshError
-            `cells` is invalid, or does not list all cells of a mesh with other polyhedra than tetrahedra, or the shape
-            of a cell does not allow a split.
+            `cells` is invalid, or the shape of a cell does not allow a split. In space, local refinement needs
+            tetrahedra.
         """
         from vemcvx.meshes.bisection import refine_mesh
 
@@ -312,16 +311,17 @@ class Mesh(ABC):
         return refined
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with a crack: the edges (in space: faces) between two sets of cells become an interface.
+        """Return this mesh with a crack along the edges (in space: faces) between two sets of cells.
 
-        Nodes along the crack are doubled; the new nodes come last. Nodes at crack tips inside the mesh stay single.
+        The crack becomes an interface with double nodes. Crack tips inside the mesh keep single nodes. New nodes come
+        last.
 
         Parameters
         ----------
         name : str
             Name of the new interface.
         sides : mapping of str to array_like
-            Name of each side of the crack -> its cells, as numbers or a mask.
+            Name -> cells on one side of the crack, as numbers or a mask.
 
         Raises
         ------
@@ -333,19 +333,19 @@ class Mesh(ABC):
         return open_crack(self, name, sides)
 
     def write(self: Any, path: str | Path) -> None:
-        """Write the mesh with named boundaries and cell data to a .vtu file; `read` restores all of them exactly.
+        """Write the mesh with named boundaries and cell data to a .vtu file.
 
-        ``to("meshio").write(path)`` writes other formats.
+        :func:`vemcvx.meshes.read` restores the mesh exactly. ``to("meshio").write(path)`` writes other formats.
         """
         from vemcvx.meshes.io.files import write
 
         write(path, self)
 
     def to(self: Any, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
-        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the inverse.
+        """Return the mesh as an object of another library.
 
-        Meshes of meshio and PyVista keep all names and data. Meshes of scikit-fem keep names of boundaries; cell data
-        of zeros and ones become subdomains.
+        :func:`vemcvx.meshes.convert` is the inverse. Meshes of meshio and PyVista keep all names and data. Meshes of
+        scikit-fem keep names of boundaries, and cell data of zeros and ones become subdomains.
 
         Returns
         -------

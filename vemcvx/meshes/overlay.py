@@ -1,8 +1,8 @@
-"""Equal boundary faces of two bodies in space where the bodies touch.
+"""Splitting of boundary faces in space, so that touching bodies have equal faces.
 
-Nearby nodes of several bodies get one position, a *place*. Overlapping boundary faces form a *patch* in one plane.
-Shapely unites the outlines of all faces of a patch, and the polygons between the outlines replace the faces. Finally,
-every place on an edge becomes a vertex of all faces with this edge.
+Nearby nodes of several bodies get one position, a *place*. Overlapping boundary faces in one plane form a *patch*. The
+outlines of the faces divide the patch into polygons, which replace the faces. Finally, every place on an edge becomes a
+vertex of all faces with this edge.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees), for nodes near both edges of a corner
-COVERAGE_TOLERANCE = 1e-3  # relative, for the total area of the pieces of a face
+CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees): tolerance at a corner, relative to edges
+COVERAGE_TOLERANCE = 1e-3  # largest relative change of area by splitting a face
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
 
@@ -53,14 +53,14 @@ def overlay_tilings(
     upon = find_touching_faces(points, *outline, shapes, tolerance, body=of_face[outer], part=0.0)
     number = same_rows(*outline)[1]
     points, face, pieces = _split_faces(points, outline, shapes, upon.T[number[upon[0]] != number[upon[1]]], tolerance)
-    # the pieces of a split face replace the face in the list of faces
+    # Pieces replace split faces.
     kept = np.setdiff1d(np.arange(len(of_face)), outer[face])
     listed = np.append(kept, outer[face])
     order = np.argsort(listed, kind="stable")
     listed = listed[order]
     rows = rows_in_order(*_join(rows_in_order(*rows, kept), pieces), order)
     offsets, vertices = _hang(rows, _join(outline, pieces), points, tolerance)
-    # a body gets a node at each place of a face; new nodes come last
+    # Bodies get nodes at new places. New nodes come last.
     face, count = cell_of_corner(offsets), int(body[-1]) + 1
     keys = np.sort(face * len(points) + vertices)
     twice = keys[1:][np.diff(keys) == 0]
@@ -83,7 +83,7 @@ def _join(one: Rows, other: Rows) -> Rows:
 
 
 def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
-    """Insert vertices of `sides` that lie on common edges of `rows` and `sides`."""
+    """Insert vertices of `sides` into edges of `rows`."""
     edges = corner_edges(*sides)
     ends = edges[np.unique(edge_keys(edges, len(points)), return_index=True)[1]]
     known = np.unique(sides[1])
@@ -101,7 +101,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return all points, the face of each piece in ascending order, and the pieces."""
+    """Return points, face numbers of pieces, and pieces, ordered by face."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)
@@ -129,7 +129,7 @@ def _split_faces(
 
 
 def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
-    """Return the face of each piece, and the offsets and corners of pieces."""
+    """Return face numbers, offsets and corners of pieces."""
     import shapely
 
     faces = outlines(places, rows, np.arange(len(places)))
@@ -140,12 +140,12 @@ def _split_in_plane(rows: Ints, places: Floats) -> tuple[Ints, Ints, Floats]:
     parts = np.append(parts[~holed], triangles)
     part, face = shapely.STRtree(faces).query(shapely.point_on_surface(parts), predicate="within")
     corners, ring = shapely.get_coordinates(parts[part], return_index=True)
-    kept = np.diff(ring, append=-1) == 0  # without the last corner, which repeats the first
+    kept = np.diff(ring, append=-1) == 0  # the last corner repeats the first
     return face, offsets_of(np.bincount(ring[kept], minlength=len(part))), corners[kept]
 
 
 def _places(points: Floats, known: Ints, corners: Floats, distance: float) -> tuple[Floats, Ints]:
-    """Return all points, and a known or new place for each corner."""
+    """Return all points, and the place of each corner."""
     leader = smallest_linked(close_pairs(np.concatenate([points[known], corners]), distance), len(known) + len(corners))
     fresh = np.unique(leader[leader >= len(known)])
     place = np.concatenate([known, np.full(len(corners), -1)])

@@ -1,4 +1,4 @@
-"""Meshes of polygons in the plane, and extrusion to meshes of prisms."""
+"""Meshes of polygons in the plane, and extrusion to prisms."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class PolygonMesh(Mesh):
-    """A polygonal mesh of a plane domain. All arrays are read-only. Nodes and cells keep the given order.
+    """A polygonal mesh of a plane domain.
 
-    Clockwise cells are reversed, and unused nodes are dropped, with a `MeshWarning`.
+    All arrays are read-only. Nodes and cells keep the given order. With a `MeshWarning`, clockwise cells are reversed,
+    and unused nodes are dropped.
 
     Parameters
     ----------
@@ -41,12 +42,12 @@ class PolygonMesh(Mesh):
     cells : sequence of index sequences, or (n_cells, k) array of int
         Vertices of each cell, in order around the cell.
     boundaries : mapping of str to (m, 2) array_like of int, optional
-        Named sets of boundary edges, in either direction. By default, "left", "right", "bottom" and "top" are the edges
+        Name -> boundary edges, in either direction. By default, "left", "right", "bottom" and "top" are the edges
         with the least or greatest x or y. The name "boundary" is reserved for the whole boundary.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
     interfaces : mapping of str to Interface, optional
-        Edges at which two bodies meet: see :func:`vemcvx.meshes.bodies`.
+        Common edges of two bodies: see :func:`vemcvx.meshes.bodies`.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class PolygonMesh(Mesh):
     offsets, vertices : (n_cells + 1,) int, (n_corners,) int
         Cell c has the vertices ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise.
     node_map : (n,) int or None
-        New numbers of the given nodes, -1 for dropped nodes; None if no node was dropped.
+        New numbers of the given nodes, -1 for dropped nodes. None if no node was dropped.
 
     Raises
     ------
@@ -110,7 +111,7 @@ class PolygonMesh(Mesh):
 
     @cached_property
     def shared_edges(self) -> polygons.SharedEdges:
-        """The corners of cells, sorted by the edges that start there."""
+        """The corners of cells, sorted by edge."""
         return polygons.sort_edges(self.offsets, self.vertices, self.n_nodes)
 
     @cached_property
@@ -138,7 +139,7 @@ class PolygonMesh(Mesh):
         return polygons.positions(parts, self._boundary, self.n_nodes)
 
     def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
-        """Return a mesh of prisms over the cells, with one layer between consecutive heights.
+        """Return a mesh of prisms over the cells, in layers between consecutive heights.
 
         Parameters
         ----------
@@ -148,8 +149,8 @@ class PolygonMesh(Mesh):
         Returns
         -------
         PolyhedralMesh
-            Nodes and cells are ordered by layer. Boundaries and interfaces keep their names, but "bottom" becomes
-            "front", and "top" becomes "back". In space, "bottom" and "top" are the lowest and highest faces.
+            Nodes and cells are ordered by layer. Boundaries and interfaces keep their names, except "bottom" and
+            "top", which become "front" and "back". In space, "bottom" and "top" are the lowest and highest faces.
 
         Raises
         ------
@@ -164,7 +165,7 @@ class PolygonMesh(Mesh):
         return extrude(self, heights)
 
     def plot(self, values: ArrayLike | None = None, ax: Axes | None = None, **style: object) -> Axes:
-        """Draw the cells, coloured by ``values`` if given.
+        """Draw the cells, with the colours of ``values`` if given.
 
         Parameters
         ----------
@@ -178,7 +179,7 @@ class PolygonMesh(Mesh):
         Returns
         -------
         Axes
-            The given or new axes.
+            The axes with the picture.
 
         Raises
         ------
@@ -234,7 +235,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
     sides = {NAMES_IN_SPACE.get(name, name): faces_of(above(edges), solid._outlines) for name, edges in named.items()}
     parts = {name: solid._boundary[places] for name, places in sides.items()}
-    # the bottom and the top are the first two faces of a cell
+    # The bottom and the top are the first two faces of a prism.
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     parts |= {"bottom": joined.cell_faces[first[0]], "top": joined.cell_faces[first[-1] + 1]}
     solid = solid._with_named(parts)
@@ -245,7 +246,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return the offsets, vertices and cells of the faces of one layer."""
+    """Return offsets, vertices and cells of faces in the first layer."""
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])

@@ -36,7 +36,7 @@ def offsets_of(counts: Ints) -> Ints:
 
 
 def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """Return the offsets and entries of the rows with the numbers `order`."""
+    """Return the offsets and entries of rows in the given order."""
     counts = np.diff(offsets)[order]
     return offsets_of(counts), flat[spans(offsets[order], counts)]
 
@@ -66,13 +66,13 @@ def find_all_in(keys: Ints, wanted: Ints) -> tuple[Ints, Ints]:
 
 
 def least_of_each(keys: Ints, values: Floats) -> Ints:
-    """Return the position of the least value of each distinct key, by ascending key."""
+    """Return, for each distinct key, the position of the least value."""
     order = np.lexsort((values, keys))
     return order[np.unique(keys[order], return_index=True)[1]]
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Return the first row of each group of equal sets, and the group of each row."""
+    """Return the first rows of groups with equal entries, and group numbers."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -87,7 +87,7 @@ def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
 
 
 def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
-    """Return the row with the same set of entries as each wanted row, or -1."""
+    """Return the rows that equal wanted rows up to order, or -1."""
     count = len(offsets) - 1
     whole = np.append(offsets, offsets[-1] + wanted_offsets[1:])
     first, number = same_rows(whole, np.append(flat, wanted))
@@ -96,7 +96,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return an order of entries in which each row begins with the first True flag."""
+    """Return an order in which each row begins at the first True flag."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -110,21 +110,21 @@ def backwards(offsets: Ints) -> Ints:
 
 
 def next_corner(offsets: Ints) -> Ints:
-    """Return the corner after each corner in the same cell."""
+    """Return the next corner in the cell, for each corner."""
     follow = np.arange(1, offsets[-1] + 1)
     follow[offsets[1:] - 1] = offsets[:-1]
     return follow
 
 
 def previous_corner(offsets: Ints) -> Ints:
-    """Return the corner before each corner in the same cell."""
+    """Return the previous corner in the cell, for each corner."""
     before = np.arange(-1, offsets[-1] - 1)
     before[offsets[:-1]] = offsets[1:] - 1
     return before
 
 
 def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
-    """Return the vertex after each corner in the same cell."""
+    """Return the next vertex in the cell, for each corner."""
     return vertices[next_corner(offsets)]
 
 
@@ -149,7 +149,7 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 
 
 def insert_hanging(outlines: tuple[Ints, Ints], ends: Ints, rows: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-    """Return outlines in which row k of `nodes` divides the edge `ends[k]`."""
+    """Return outlines with row k of `nodes` inserted into the edge `ends[k]`."""
     offsets, vertices = outlines
     count = int(max(vertices.max(initial=0), ends.max(initial=0))) + 1
     touched = np.zeros(count, dtype=bool)
@@ -170,8 +170,8 @@ class SharedEdges:
     """The corners of a mesh, sorted by undirected edge."""
 
     corners: Ints  # (n_corners,) sorted by edge, then by cell
-    first: Ints  # (n_edges,) first positions of edges in `corners`
-    counts: Ints  # (n_edges,) numbers of cells at edges
+    first: Ints  # (n_edges,) position in `corners`
+    counts: Ints  # (n_edges,) number of adjacent cells
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
     @cached_property
@@ -188,7 +188,7 @@ class SharedEdges:
 
     @property
     def alone(self) -> Ints:
-        """The corners at which boundary edges start, in the order of cells."""
+        """The corners where boundary edges start, ordered by cell."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
 
@@ -201,7 +201,7 @@ def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Return the smallest number that `pairs` link to each number below `count`."""
+    """Return, for each number, the smallest number in the connected component."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     return np.unique(label, return_index=True)[1][label]
@@ -226,7 +226,7 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, of boxes i that meet tree boxes j."""
+    """Return pairs of boxes i and tree boxes j that meet, sorted by i."""
     import shapely
 
     if not len(low) or not len(tree_low):
@@ -247,7 +247,7 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
 
 def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, of points i in closed polygons j."""
+    """Return pairs (i, j) of points inside closed polygons, sorted by i."""
     import shapely
 
     return tuple(shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects"))
@@ -270,7 +270,7 @@ def triangulate(polygons: NDArray[Any]) -> Triangles:
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return the corners (t, 3, 3) and the polygons of counter-clockwise triangles."""
+    """Return corners (t, 3, 3) and polygons of counter-clockwise triangles."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
@@ -287,7 +287,7 @@ def close_pairs(points: Floats, distance: float) -> Ints:
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Return the distances from places to the nearest points, and the nearest points."""
+    """Return the distance and the number of the nearest point, for each place."""
     from scipy.spatial import cKDTree
 
     found: Any = cKDTree(points).query(places)
@@ -319,13 +319,13 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     for count in np.unique(counts):
         cells = np.flatnonzero(counts == count)
         corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-        for step in range(1, count // 2 + 1):  # entries of a ring are at most half the ring apart
+        for step in range(1, count // 2 + 1):  # larger steps repeat the same pairs
             apart = corner - np.roll(corner, -step, axis=1)
             squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
     return np.sqrt(squared)
 
 
-# Barycentric coordinates of the three-point rule of degree 2 with equal weights.
+# Barycentric coordinates of three points with equal weights, a rule of degree 2.
 DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 # Barycentric coordinates of Radon's seven-point rule of degree 5 (Monatsh. Math. 52 (1948)).
 RADON_POINTS = np.concatenate(
@@ -340,7 +340,7 @@ class Triangles(NamedTuple):
 
     corners: Floats  # (t, 3, 2)
     areas: Floats  # (t,)
-    owner: Ints  # (t,) polygons of the triangles
+    owner: Ints  # (t,) the polygon around the triangle
 
 
 def triangle_areas(corners: Floats) -> Floats:
@@ -355,7 +355,7 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
 
 
 def split_at_vertices(corners: Floats) -> Ints:
-    """Return the vertices of counter-clockwise triangles in simple polygons."""
+    """Return counter-clockwise triangles (c, n - 2, 3) of vertices in simple polygons."""
     c, n, _ = corners.shape
     number = np.tile(np.arange(n), c)  # Shapely keeps the number as a third coordinate
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))

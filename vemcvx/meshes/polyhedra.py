@@ -1,7 +1,5 @@
 """Polyhedra: shared faces, areas, normals, volumes, and the solid angles of triangles.
 
-Faces are numbered in the order of first appearance, with the vertices in the order of the first cell.
-
 A face with the vertices o, x_1, x_2 ... consists of the triangles (o, x_i, x_{i+1}). Let s_i be the signed areas of
 these triangles, and d_i = x_i - o. Then
 
@@ -26,12 +24,12 @@ from vemcvx.meshes.polygons import cell_of_corner, next_corner, offsets_of, reve
 class FaceLists(NamedTuple):
     """The faces of all cells, cell by cell."""
 
-    offsets: Ints  # start of each face in `vertices`, and the end
+    offsets: Ints  # (n_faces + 1,) positions in `vertices`
     vertices: Ints
-    cell_offsets: Ints  # start of each cell in the list of faces, and the end
+    cell_offsets: Ints  # (n_cells + 1,) positions in the list of faces
 
     def in_order(self, cells: Ints) -> FaceLists:
-        """Return the faces of the cells with the given numbers."""
+        """Return the faces of the given cells."""
         cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
         return FaceLists(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
 
@@ -47,7 +45,7 @@ class Faces(NamedTuple):
 
 
 def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Join equal faces, given as fields of `FaceLists` with outward normals."""
+    """Join equal faces of `FaceLists` with outward normals."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -100,13 +98,13 @@ def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
 
 
 def in_planes(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
-    """Return the coordinates of points along the axes of given faces."""
+    """Return coordinates (m, 3) of points relative to centroids, along `axes_in_planes`."""
     arms, axes = places - shapes.centroids[faces], axes_in_planes(shapes)
     return np.asarray(np.einsum("mai,mi->ma", axes[faces], arms))
 
 
 def axes_in_planes(shapes: FaceShapes) -> Floats:
-    """Return two axes in the plane of each face, and the normal."""
+    """Return axes (n_faces, 3, 3): two in the plane of a face, and the normal."""
     across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
     first = np.cross(shapes.normals, across)
     first /= np.linalg.norm(first, axis=1)[:, None]
@@ -130,7 +128,7 @@ def _divide_rows(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Outward faces; vertices are numbered around the bottom, then around the top.
+# Faces with outward normals. Vertices are numbered around the bottom, then around the top.
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
@@ -140,10 +138,10 @@ FACES = {
 
 
 def angles_seen(arms: Floats) -> Floats:
-    """Return the solid angles of triangles, given the vectors from the eye to corners.
+    """Return the solid angles of triangles, seen from the origin.
 
     tan(angle / 2) = a . (b x c) / (|a| |b| |c| + (a . b) |c| + (a . c) |b| + (b . c) |a|)
-    for corners a, b, c (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
+    for the corners a, b, c (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
     a, b, c = (arms[..., k, :] for k in range(3))
     la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))

@@ -23,7 +23,7 @@ from vemcvx.meshes.mesh import Mesh, Sides
 class PolyhedralMesh(Mesh):
     """A polyhedral mesh of a domain in space.
 
-    Neighbouring cells share whole faces. Nodes and cells keep the given order; faces are numbered as they first appear.
+    Neighbouring cells share whole faces. Nodes and cells keep the given order. Faces are numbered as they first appear.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class PolyhedralMesh(Mesh):
     cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
         Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell.
     boundaries : mapping of str to array_like, optional
-        Name -> numbers of boundary faces, or rows of their vertices. The name "boundary" is reserved for the whole
+        Name -> numbers of boundary faces, or lists of vertices. The name "boundary" is reserved for the whole
         boundary. By default, the faces where x, y or z is least or greatest are "left", "right", "front", "back",
         "bottom" and "top". An empty mapping names nothing.
     cell_data, interfaces : as in `PolygonMesh`
@@ -44,7 +44,7 @@ class PolyhedralMesh(Mesh):
         Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``, counter-clockwise as seen from
         outside its first cell.
     face_cells : (n_faces, 2) int
-        First and second cell of each face; the second is -1 on the boundary.
+        Adjacent cells of each face; the second is -1 on the boundary.
     cell_offsets, cell_faces : (n_cells + 1,) int, (m,) int
         Cell c has the faces ``cell_faces[cell_offsets[c]:cell_offsets[c + 1]]``.
     node_map : as in `PolygonMesh`
@@ -52,8 +52,8 @@ class PolyhedralMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh, or a vertex is farther from the plane of its face than 1e-6 times
-        the diameter of the face.
+        The points and cells do not form a valid mesh. Vertices may be off the plane of a face by 1e-6 diameters of the
+        face.
 
     Examples
     --------
@@ -100,12 +100,12 @@ class PolyhedralMesh(Mesh):
 
     @property
     def n_faces(self) -> int:
-        """Number of faces; a face between two cells counts once."""
+        """Number of faces. A face between two cells counts once."""
         return len(self.face_offsets) - 1
 
     @property
     def faces(self) -> polyhedra.Faces:
-        """The arrays ``face_offsets``, ``face_vertices``, ``cell_offsets``, ``cell_faces``, ``face_cells`` together."""
+        """All arrays of faces in a named tuple."""
         return polyhedra.Faces(
             self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
         )
@@ -117,22 +117,22 @@ class PolyhedralMesh(Mesh):
 
     @property
     def face_areas(self) -> Floats:
-        """Areas of the faces, (n_faces,)."""
+        """Areas (n_faces,) of the faces."""
         return self._face_shapes.areas
 
     @property
     def face_normals(self) -> Floats:
-        """Unit normals (n_faces, 3) of the faces, pointing out of the first cells."""
+        """Unit normals (n_faces, 3) that point out of the first cell of each face."""
         return self._face_shapes.normals
 
     @property
     def face_centroids(self) -> Floats:
-        """Centroids of the faces, (n_faces, 3)."""
+        """Centroids (n_faces, 3) of the faces."""
         return self._face_shapes.centroids
 
     @cached_property
     def face_signs(self) -> Floats:
-        """Signs in the order of ``cell_faces``: 1 where the normal of the face points out of the cell, else -1."""
+        """Signs (m,) of entries in ``cell_faces``: 1 if the normal points out of the cell, else -1."""
         return read_only(polyhedra.signs_of(self.faces))
 
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -140,12 +140,12 @@ class PolyhedralMesh(Mesh):
 
     @property
     def volumes(self) -> Floats:
-        """Volumes of the cells, (n_cells,)."""
+        """Volumes (n_cells,) of the cells."""
         return self.measures
 
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
-        """Offsets (n_cells + 1,), and the nodes of each cell, ascending without repetition."""
+        """Offsets (n_cells + 1,), and the ascending nodes of each cell."""
         offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 

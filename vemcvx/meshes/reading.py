@@ -22,17 +22,17 @@ from vemcvx.meshes.several_bodies import join
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    Groups and sets of lines (in space: surfaces) become named boundaries. A group or set of cells becomes a cell datum:
-    1 in the group, 0 outside. If the file names no part of the boundary, the sides of a box are named "left", "right"
-    and so on, and a `MeshWarning` lists the names. The page "Meshes" says what is read from each format.
+    Groups and sets of lines (in space: surfaces) become named boundaries. A group or set of cells becomes a cell datum,
+    which is 1 in the group and 0 outside. If the file names no part of the boundary, straight sides are named "left",
+    "right" and so on, with a `MeshWarning`. The page "Meshes" describes all formats.
 
     Parameters
     ----------
     path : str or Path
         The file; its suffix determines the format. `meshio convert a.xyz a.vtu` converts files of other formats.
     bodies : "physical", optional
-        Read several bodies, and join them as :func:`vemcvx.meshes.bodies` does. A body is a physical group of cells in
-        Gmsh, a property in Nastran, an instance or part in Abaqus (an element set if there are no parts).
+        Read several bodies, and join them by :func:`vemcvx.meshes.bodies`. A body is a physical group of cells in Gmsh,
+        a property in Nastran, and an instance or part in Abaqus. Without parts, an element set of Abaqus is a body.
     tolerance : float, optional
         With `bodies`: the largest distance between coinciding boundaries, see :func:`vemcvx.meshes.bodies`.
 
@@ -71,7 +71,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return the boundary positions of named sides on interfaces, counted on first bodies."""
+    """Return positions on the boundary of first bodies, by name of sides."""
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
         first[faces_of(interface.partners, mesh._outlines)] = faces_of(interface.edges, mesh._outlines)

@@ -1,7 +1,7 @@
-"""Joining the meshes of several bodies: interfaces where their boundaries coincide.
+"""Joining the meshes of several bodies, with interfaces where boundaries coincide.
 
-Nearby nodes of several bodies move to the node of the first body. A node near an edge of another body becomes a vertex
-of this edge. If the edge belongs to an earlier body, the node moves onto the edge. For polyhedra see :mod:`.overlay`.
+Nearby nodes of two bodies move to the node of the first body. A node near an edge of another body is inserted into the
+edge. If the edge belongs to an earlier body, the node moves onto the edge. For polyhedra see :mod:`.overlay`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from vemcvx.meshes.polyhedra import FaceShapes, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 AnyKind = TypeVar("AnyKind", bound=PolygonMesh | PolyhedralMesh)
-NARROW_BETWEEN_BODIES = 1e-3  # smallest allowed width of a gap, relative to the smallest height of a cell
-FACING_COSINE = -0.5  # largest cosine between the outward normals of two faces that face each other
+NARROW_BETWEEN_BODIES = 1e-3  # smallest allowed gap, relative to the smallest cell height
+FACING_COSINE = -0.5  # largest cosine between the outward normals of opposite faces
 BODY = "body"
 RESERVED_CHARACTERS = (".", "|")
 
@@ -52,7 +52,7 @@ def bodies(
 ) -> AnyKind:
     """Join the meshes of several bodies into one, with an interface wherever boundaries of two bodies coincide.
 
-    Along an interface, the cells of each body get hanging vertices at the nodes of the other body; in space, faces are
+    Along an interface, the cells of each body get hanging nodes at the nodes of the other body. In space, faces are
     split. Coinciding nodes stay separate. Bodies need not touch.
 
     Parameters
@@ -60,26 +60,26 @@ def bodies(
     meshes : mapping of str to PolygonMesh, or of str to PolyhedralMesh
         Name -> mesh of the body.
     interfaces : mapping of str to (str, str), optional
-        Names of interfaces: name -> (first body, second body). By default an interface is called "first|second", in the
-        order of the bodies.
+        Name of the interface -> (first body, second body). The default name is "first|second", in the order of the
+        bodies.
     tolerance : float, optional
-        Boundaries coincide where their distance is at most this length; by default 1e-9 of the extent of all bodies.
-        Nodes of the later body move to the earlier body. If both bodies approximate a circle of radius R by edges of
+        Largest distance between coinciding boundaries, by default 1e-9 of the extent of all bodies. Nodes of the later
+        body move to the earlier body. If both bodies approximate a circle of radius R by edges of
         length h, give h^2 / (8 R).
 
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        Cells and nodes are in the order of the bodies; new nodes are last. ``mesh.interfaces`` maps names to
-        `Interface`. The boundary "left" of the body "lower" is called "lower.left", without its part on interfaces.
+        Cells and nodes are in the order of the bodies. New nodes come last. ``mesh.interfaces`` maps names to
+        `Interface`. The boundary "left" of the body "lower" is called "lower.left", and excludes interfaces.
         Cell data are zero on bodies without these data. The cell datum "body" numbers the bodies from 0. The cell datum
         "lower" is 1 in the body "lower" and 0 elsewhere, for ``Elasticity(..., on="lower")``.
 
     Raises
     ------
     MeshError
-        Bodies overlap, touch only in a point or edge, or leave a narrow gap; curved surfaces in space have different
-        nodes; `interfaces` names two bodies that have no interface; the tolerance is too large; or names clash.
+        Bodies overlap, touch only in a point or edge, or leave a narrow gap. Curved surfaces in space have different
+        nodes. `interfaces` names two bodies without an interface. The tolerance is too large. A name is not allowed.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and the old number of each boundary edge or face."""
+    """Return the mesh of :func:`bodies`, and old numbers of boundary edges or faces."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -118,7 +118,7 @@ def join(
             check_polyhedral_mesh(mesh.points, list_faces(mesh.faces), mesh.interfaces)
         except MeshError as error:
             raise MeshError(f"bodies: surfaces do not fit; {error} Give both bodies the same nodes there.") from None
-    # the parts of named boundaries outside interfaces
+    # Named boundaries exclude interfaces.
     start, named = 0, {}
     for own, given in meshes.items():
         for name, parts in given.boundaries.items():
@@ -131,7 +131,7 @@ def join(
 
 
 def _side_by_side(meshes: list[Any]) -> Any:
-    """Return one mesh of all bodies, in which bodies share no nodes."""
+    """Return one mesh of all bodies, without common nodes."""
     kind, arrays = type(meshes[0]), []
     for name in kind.ARRAYS:
         own = [getattr(mesh, name) for mesh in meshes]
@@ -146,7 +146,7 @@ def _side_by_side(meshes: list[Any]) -> Any:
 
 
 def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float) -> Ints:
-    """Return for each node the first node of the group of nearby nodes."""
+    """Return, for each node, the first nearby node."""
     nodes = np.unique(mesh._outlines[1])
     pairs = nodes[close_pairs(mesh.points[nodes], distance)]
     place = smallest_linked(pairs[body[pairs[:, 0]] != body[pairs[:, 1]]], len(mesh.points))
@@ -165,7 +165,7 @@ def _same_places(names: tuple[str, ...], body: Ints, mesh: Any, distance: float)
 def _match_in_plane(
     apart: PolygonMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolygonMesh, Ints, Ints, Ints]:
-    """Insert the nodes of each body into coinciding edges of other bodies."""
+    """Insert nodes into coinciding edges of other bodies."""
     points, node, edge = _hanging(apart, body, place, tolerance)
     corner, cell = apart.shared_edges.alone[edge], cell_of_corner(apart.offsets)
     counts = np.diff(apart.offsets) + np.bincount(cell[corner], minlength=apart.n_cells)
@@ -177,7 +177,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return the moved points, the nodes (q,) to insert, and the edges (q,)."""
+    """Return moved points, nodes (q,), and edges (q,) that get the nodes."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1
@@ -186,14 +186,14 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # insert a node into the nearest edge of each body that has no node there
+    # A body without a node at this place gets a node on the nearest edge.
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]
     node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
     off = (other < body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
     off = np.flatnonzero(off)
-    off = off[np.unique(node[off], return_index=True)[1]]  # a node moves onto the edge of the first body
+    off = off[np.unique(node[off], return_index=True)[1]]  # a node moves to a single edge
     meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
     points[node[off]] = shapely.get_coordinates(meeting)[::2]
     points = points[place]
@@ -219,7 +219,7 @@ def _by_name(
         own = names[a], names[b]
         name, pair = named.get(frozenset(own), ("|".join(own), own))
         if pair != own:
-            edges, partners = partners[:, ::-1], edges[:, ::-1]  # the first body is left of its edges
+            edges, partners = partners[:, ::-1], edges[:, ::-1]  # edges have the first body on the left
         found[name] = Interface((pair[0], pair[1]), edges, partners)
     for name, pair in named.values():
         if name not in found:
@@ -281,7 +281,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
         inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    # two bodies may have the same nodes, but different faces between these nodes
+    # Two bodies may have equal nodes, but different faces.
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))

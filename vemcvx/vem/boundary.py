@@ -1,6 +1,6 @@
 """Parts of the boundary: sides (edges in the plane, faces in space), nodes, nodal lengths, normals and tangents.
 
-phi_i is the basis function of node i: 1 at this node, 0 at all others, and linear on edges.
+The basis function phi_i is 1 at node i, 0 at all other nodes, and linear on edges.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SideRule:
 class Part:
     """A set of sides of the boundary: edges in the plane, faces in space.
 
-    If sides meet at an angle at a node, the node has several *rows*, one per normal: see :class:`BoundaryRows`.
+    A node at a corner has several *rows*, one per normal: see :class:`BoundaryRows`.
 
     Examples
     --------
@@ -44,10 +44,10 @@ class Part:
     [0.5 0.5] [0.25 0.5  0.25]
     """
 
-    sides: Ints  # (m, 2) the nodes of each edge, with its cell on the left; or (m,) the face numbers, ascending
+    sides: Ints  # (m, 2) nodes of edges, with the cell on the left; or (m,) ascending face numbers
     normals: Floats  # (m, dim) outward unit normals of sides
     measures: Floats  # (m,) lengths or areas of sides
-    rules: Callable[[int], tuple[SideRule, ...]]  # rules for a number of Gauss points per edge; on faces of degree 5
+    rules: Callable[[int], tuple[SideRule, ...]]  # number of Gauss points per edge -> rules; degree 5 on faces
     ends: SideEnds  # ends of the sides, in the order of `rules`
 
     @cached_property
@@ -63,14 +63,14 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The ends (e, 2) of sides: a node, and the other node of the edge (in space: the face)."""
+        """The ends (e, 2) of sides: a node, and the other node (in space: the face)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
     def node_normals(self) -> BoundaryRows:
         """The rows of this part."""
         points, blocks = [], []
-        for rule in self.rules(4):  # degree 7 on edges: see `BoundaryRows.matrix`
+        for rule in self.rules(4):  # exact for degree 7 on edges
             m, n, q = rule.shares.shape
             columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
             starts = np.arange(0, m * n * q + 1, q)
@@ -88,15 +88,15 @@ def edge_part(
     *,
     axisymmetric: bool = False,
 ) -> Part:
-    """Return the part of the boundary that consists of these edges (m, 2), with their cells on the left.
+    """Return the part of the boundary with the edges (m, 2), which have cells on the left.
 
-    The arrays `across` and `inside` have the shape (m, 2), for both nodes of each edge. `across` is the joined node of
-    another body, or -1. `inside` is True if only one cell contains the node (on interfaces: one cell of the first
-    body). Such a node hangs where the boundary is straight. In bodies of revolution, lengths contain 2 pi r.
+    `across` (m, 2) is the coinciding node of another body, or -1. `inside` (m, 2) is True for nodes of a single cell
+    (on interfaces: a single cell of the first body). If the boundary is straight at the node, the node hangs. In bodies
+    of revolution, lengths contain 2 pi r.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
-    # The depth of the body, 2 pi r or 1, at both nodes of each edge.
+    # The depth (m, 2) of the body at nodes is 2 pi r or 1.
     r = points[edges, 0]
     depth = 2.0 * np.pi * r * (r > SAME * points[:, 0].max()) if axisymmetric else np.ones(edges.shape)
     node_lengths = 0.5 * lengths[:, None] * ((2.0 * depth + depth[:, ::-1]) / 3.0)
@@ -130,13 +130,13 @@ def edge_part(
 
 
 def _outward(chords: Floats) -> tuple[Floats, Floats]:
-    """Return the outward unit normals and the lengths of edges with vectors (m, 2)."""
+    """Return the outward unit normals and the lengths of edges."""
     lengths = np.sqrt(np.einsum("ea,ea->e", chords, chords))
     return np.column_stack([chords[:, 1], 0.0 - chords[:, 0]]) / lengths[:, None], lengths
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return the first and last edge of the whole side that contains each edge."""
+    """Return, for each edge, the first and last edge of the straight chain."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own
@@ -159,9 +159,9 @@ def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tupl
 def face_part(
     faces: Ints, mesh: PolyhedralMesh, across: Ints | None = None, mirrors: MirrorPlanes | None = None
 ) -> Part:
-    """Return the part of the boundary that consists of these faces (m,), ascending; see `edge_part`.
+    """Return the part of the boundary with the ascending faces (m,).
 
-    `across` lists, face by face, the joined node of another body at each vertex, or -1.
+    `across` has a number for each vertex of the faces: the coinciding node of another body, or -1.
     """
     groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
     placed = [(group, np.searchsorted(faces, group.faces)) for group in groups]
@@ -194,7 +194,7 @@ def face_part(
 
 
 def _curvature(group: FaceGroup) -> Floats:
-    """Return sin(alpha) / (|a| |b|) at the n vertices of f faces, with the angle alpha between the edges a and b."""
+    """Return sin(alpha) / (|a| |b|) (f, n) for adjacent edges a, b at the angle alpha."""
     corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
@@ -203,23 +203,22 @@ def _curvature(group: FaceGroup) -> Floats:
 
 # Rows of a part of the boundary: one per node and distinct normal (docs/signs.md, "Corners and curves").
 #
-# Neighbouring sides whose normals differ by less than 42.5 degrees form a curve, and their common node has one normal:
-# with two normals, it could not slide along the curve. This normal is a mean with the weights 1 / length of sides. In
-# space, a face with edges a and b at the node, and the angle alpha between these edges, has the weight
-# sin(alpha) / (|a| |b|) (N. Max, J. Graphics Tools 4 (1999)). The means are exact for nodes on a circle or a sphere.
+# Neighbouring sides form a curve if the normals differ by less than 42.5 degrees. A node on a curve has one normal,
+# because a node with two normals could not slide along the curve. This normal is the mean of the normals of sides, with
+# the weights 1 / length. In space, a face has the weight sin(alpha) / (|a| |b|), with the angle alpha between the edges
+# a and b at the node (N. Max, J. Graphics Tools 4 (1999)). On a circle or a sphere, the mean is exact.
 #
-# In the plane, a node of one body may lie inside a side of another body: it is a hanging node, and divides a *whole
-# side*. Means are taken over whole sides. The normal at a hanging node is interpolated between the ends of its whole
-# side: otherwise friction and pressure in a press fit would oscillate at every h (Yang, Laursen, Meng, Int. J. Numer.
-# Meth. Engng 62 (2005)).
+# In the plane, a hanging node divides a *whole side* into sides. Means are taken over whole sides. The normal at a
+# hanging node is interpolated between the ends of the whole side. Without interpolation, friction and pressure in a
+# press fit would oscillate at every h (Yang, Laursen, Meng, Int. J. Numer. Meth. Engng 62 (2005)).
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
-CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))  # largest distance of unit normals along a curve
-DIRECTION_TOLERANCE = 1e-2  # largest distance of equal unit vectors, 0.57 degrees: points may have four digits only
+CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))  # largest distance between neighbouring unit normals of a curve
+DIRECTION_TOLERANCE = 1e-2  # largest distance between equal unit vectors (0.57 degrees), for points with four digits
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges (in space: the corners of faces), each with the number of its row."""
+    """The ends of edges (in space: the corners of faces), with row numbers."""
 
     row: Ints
     beyond: Ints
@@ -228,18 +227,18 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry at nodes that supports hold in the normal directions."""
+    """Planes of symmetry, at nodes with supports in the normal direction."""
 
     nodes: Ints
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the parts of vectors (m, dim) normal to the planes of both node and partner."""
+        """Return the components of vectors (m, dim) normal to common planes of symmetry."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # Two normals at the angle t give the eigenvalue cos(t / 2)^2, about 1 - t^2 / 4.
+        # Two normals with the angle t give the eigenvalue cos(t / 2)^2, about 1 - t^2 / 4.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
@@ -247,27 +246,27 @@ class MirrorPlanes:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRows:
-    """The rows of a part of the boundary, ordered by node: one per node, distinct normal and partner.
+    """The rows of a part of the boundary, one per node, normal and partner, ordered by node.
 
     Attributes
     ----------
     nodes : (k,) array of int
     normals : (k, dim) array
-        Outward unit normals, each the mean over the edges or faces of its row.
+        Outward unit normals, averaged over the edges or faces of the row.
     lengths : (k,) array
-        int phi_i ds over the edges or faces of each row.
+        int phi_i ds over the edges or faces of the row, with the basis function phi_i of the node.
     points : (q, dim) array
         Quadrature points of all edges or faces.
     matrix : (k, q) csr_matrix
-        ``matrix @ g(points)`` is int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on edges
-        (in bodies of revolution: 5) and of degree 4 on faces.
+        ``matrix @ g(points)`` is int g phi_i ds. It is exact for g of degree 6 on edges (in bodies of revolution: 5)
+        and of degree 4 on faces.
     ends : EdgeEnds
-        The ends of edges (in space: the corners of faces) of each row.
+        The ends of edges (in space: the corners of faces), with row numbers.
     partners : (k,) array of int
-        Nodes of other bodies at the same places; -1 where there is no interface.
+        Coinciding nodes of other bodies, or -1.
     cosines : (k,) array
-        Mean of n . n_e over the edges e of each row; n and n_e are the normals of the row and of e. If all edges move
-        outwards by 1, the node moves by 1 / cosine.
+        Mean of n . n_e over the edges e of the row, with the normals n of the row and n_e of the edge. If all edges
+        move outwards by 1, the node moves by 1 / cosine.
 
     Examples
     --------
@@ -292,13 +291,13 @@ class BoundaryRows:
 
     @property
     def tangents(self) -> Floats:
-        """The first tangent (k, dim) of each row; in the plane it has the body on its left."""
+        """The first tangents (k, dim) of rows. In the plane, the body is on the left."""
         return tangents_of(self.normals)[:, 0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SideEnds:
-    """The ends (e,) of all sides of a part, one per side and node. Hanging nodes divide a *whole side* into sides."""
+    """The ends (e,) of all sides of a part, one per side and node."""
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
@@ -307,13 +306,13 @@ class SideEnds:
     sizes: Floats  # (e,) length (in space: area) of the whole side
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
-    partners: Ints  # (e,) nodes of other bodies at the same places, or -1
-    whole_sides: Ints | None = None  # (e, 2) positions in this table of the two ends of the whole side
+    partners: Ints  # (e,) coinciding nodes of other bodies, or -1
+    whole_sides: Ints | None = None  # (e, 2) positions of both ends of the whole side in these arrays
     position: Floats | None = None  # (e,) position of the node on the whole side, from 0 to 1
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """Return the rows. For each end, `matrix` (e, q) maps g(points) to int g phi_i ds over the side."""
+        """Return the rows, given the matrix (e, q) from g(points) to int g phi_i ds."""
         row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
@@ -340,18 +339,18 @@ class SideEnds:
         )
 
     def _weights(self, row: Ints, k: int) -> Floats:
-        """Return the weights (e,) of ends in the mean normals of k rows."""
+        """Return the weights (e,) of normals in the means over k rows."""
         longest, most = np.zeros(k), np.zeros(k)
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)
         part = (self.sizes / longest[row]) ** 4
         # At hanging nodes of faces, all curvatures are zero, and only areas count.
         relative = np.divide(self.curvature, most[row], out=np.zeros(len(row)), where=most[row] > 0)
-        # Sides shorter than 0.03 of the longest side at their node have almost no weight.
+        # Sides shorter than 0.03 of the longest side at the node have almost no weight.
         return relative * part / (part + 0.03**4) + TOLERANCE * part
 
     def _interpolate_normals(self, normals: Floats, row: Ints) -> Floats:
-        """Return the normals (k, dim) of rows, interpolated at hanging nodes."""
+        """Return the normals (k, dim), interpolated at hanging nodes."""
         if self.whole_sides is None or self.position is None:
             return normals
         (one, other), s = self.whole_sides.T, self.position[:, None]
@@ -365,7 +364,7 @@ class SideEnds:
         return found
 
     def _group_ends(self) -> Ints:
-        """Return the row of each end, as in :class:`BoundaryRows`."""
+        """Return the row numbers (e,) of ends."""
         order = np.argsort(self.nodes, kind="stable")
         leader = np.full(len(order), -1)
         while (waiting := np.flatnonzero(leader < 0)).size:

@@ -1,9 +1,9 @@
 """Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
 
-The form of a cell K is a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + S_K, with the elastic matrix C, the strains
-eps = (e_xx, e_yy, 2 e_xy), and the stabilisation S_K (docs/theory/virtual_elements.md). This is (3.13) of the paper
-named in :mod:`vemcvx`. On triangles and tetrahedra Pi v = v, and S_K = 0. In Kelvin's notation, the elastic matrix is
-C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
+The form of a cell K is a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + S_K, (3.13) of the paper named in :mod:`vemcvx`. It
+contains the projection Pi (:mod:`.projection`), the elastic matrix C, the strains eps = (e_xx, e_yy, 2 e_xy), and the
+stabilisation S_K (:mod:`.stabilisation`). On triangles and tetrahedra, Pi v = v and S_K = 0. In Kelvin's notation, the
+elastic matrix is C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 
 def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
-    """Add the stabilisation tau h_K^(dim - 2) (I - Pi)'(I - Pi) to local matrices (c, n, n, dim, dim)."""
+    """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi) to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
     stable = (tau * cells.stabilised_size)[:, None, None] * products_of_remainder(cells.vertex_values())
@@ -38,21 +38,21 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Return the exactly symmetric stiffness matrix over all n_u nodal values.
+    """Return the stiffness matrix for all n_u nodal displacement components.
 
     Parameters
     ----------
     space : Space
     lam, mu : (n_cells,) arrays
-        Lame's constants, force per area; in plane stress, `lam` is the reduced constant. Both are zero on cells of
+        Lame's constants, force per area. In plane stress, `lam` is the reduced constant. Both are zero on cells with
         another material.
     stabilisation : {"shear", "unit"}, or Stabilisation
-        tau = 2 mu, tau = 1, or a user's stabilisation.
+        The stabilisation S_K: see :mod:`vemcvx.vem.stabilisation`.
 
     Returns
     -------
     (n_u, n_u) csr_matrix
-        Force per length, in the plane for a body of thickness one. Zero entries are stored.
+        Exactly symmetric, force per length, in the plane for thickness one. Zero entries are stored.
 
     Raises
     ------
@@ -89,12 +89,12 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
-    """Assemble a matrix from blocks (pairs, dim^2), one for each pair (i, j) of vertices of each cell.
+    """Assemble a matrix from blocks (pairs, dim^2) for all vertex pairs (i, j) of cells.
 
-    Pairs follow the cells in the arrays (c, n) of `nodes`. In a cell, j runs fastest.
+    Pairs are ordered by cell, by i, and by j.
     """
     keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
-    order = np.argsort(keys, kind="stable")  # so that entries (i, j) and (j, i) are sums in the same order
+    order = np.argsort(keys, kind="stable")  # entries (i, j) and (j, i) are summed in the same order
     keys = keys[order]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     rows, columns = np.divmod(keys[first], n_nodes)
@@ -106,12 +106,12 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
 
 
 def softest_shear(C: Floats) -> Floats:
-    """Return the smallest eigenvalue of C_k on deviatoric strains, for each cell."""
+    """Return the smallest eigenvalues (n_cells,) of C_k on deviatoric strains."""
     return np.maximum(_deviatoric_moduli(C)[:, 0], 0.0)
 
 
 def mean_shear(C: Floats) -> Floats:
-    """Return the harmonic mean of the eigenvalues of C_k on deviatoric strains, or 0 if one is not positive."""
+    """Return harmonic means (n_cells,) of deviatoric eigenvalues, or 0 unless all are positive."""
     moduli = _deviatoric_moduli(C)
     positive = moduli[:, 0] > 0
     inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)
@@ -119,10 +119,10 @@ def mean_shear(C: Floats) -> Floats:
 
 
 def _deviatoric_moduli(C: Floats) -> Floats:
-    """Return the eigenvalues of C_k on deviatoric strains, ascending: (n_cells, 2), in space (n_cells, 5)."""
+    """Return the ascending eigenvalues (n_cells, 2 or 5) of C_k on deviatoric strains."""
     basis, across = np.zeros((2, 3)), 1
     basis[0, :2] = np.array([1.0, -1.0]) / np.sqrt(2.0)
-    if C.shape[1] == 4:  # In a body of revolution the hoop component is the last one.
+    if C.shape[1] == 4:  # In a body of revolution, the hoop component is last.
         C = C[:, [0, 1, 3, 2]][:, :, [0, 1, 3, 2]]
     if C.shape[1] > 3:
         basis, across = np.zeros((C.shape[1] - 1, C.shape[1])), C.shape[1] - 3
@@ -163,7 +163,7 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """Return a_K^h(u, u), twice the elastic energy of each cell; not for bodies of revolution."""
+    """Return a_K^h(u, u), twice the elastic energies, except in bodies of revolution."""
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
     missed = remainder_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
@@ -182,8 +182,8 @@ def strains(space: Space, u: Floats) -> Floats:
     Returns
     -------
     (n_cells, components) array
-        e_xx, e_yy, 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space; in bodies of
-        revolution e_rr, e_zz, 2 e_rz and the hoop strain.
+        e_xx, e_yy, 2 e_xy in the plane, e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space, and e_rr, e_zz, 2 e_rz and
+        the hoop strain in bodies of revolution.
 
     Examples
     --------

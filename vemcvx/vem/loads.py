@@ -1,4 +1,4 @@
-"""Quadrature on cells and edges, and nodal loads of forces, of stresses, and of a given displacement."""
+"""Quadrature in cells, nodal loads of forces and stresses, and mean strains."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from vemcvx.vem.projection import CellGroup, PolyhedronGroup, second_moments
 from vemcvx.vem.space import Space
 from vemcvx.vem.tensors import COMPONENTS
 
-# Let c be the centroid of a polygon, and M = 1/|K| int_K (x - c)(x - c)' dx its second moments. The four points
+# Let c be the centroid of a polygon K, and M = 1/|K| int_K (x - c)(x - c)' dx the second moments. The four points
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# match all moments of degree 2. Every convex cell contains them (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13
-# (1995)). A cell with a point that is not clearly inside is cut into triangles with three points each. Polyhedra have
+# are exact for degree 2. Every convex cell contains all four points (Kannan, Lovasz, Simonovits, Discrete Comput. Geom.
+# 13 (1995)). If a point is not clearly inside, the cell is cut into triangles with three points each. Polyhedra have
 # one point, the centroid.
 Rule = tuple[Floats, Floats, Ints]
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
-    """Return points inside cells, weights, and the position of each point's cell."""
+    """Return points inside cells, weights, and positions of cells in the group."""
     if isinstance(group, PolyhedronGroup):
         return group.quadrature()
     points, weights, owner = _plane_quadrature(group)
@@ -62,16 +62,16 @@ def _ring(about: Floats, areas: Floats) -> Floats:
     """Return the four points relative to the centroid."""
     M = second_moments(about) / areas[:, None, None]
     trace = M[:, 0, 0] + M[:, 1, 1]
-    # On cells thinner than 1e-8 of their length, rounding may make the determinant negative.
+    # On very thin cells, rounding may make the determinant negative.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
     half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
     return np.concatenate([half, -half], axis=1)
 
 
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Return a mask of cells whose points all lie clearly left of all edges."""
+    """Return a mask of cells with all points clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|), far above rounding.
+    # "Clearly" means by 1e-6 sqrt(|K|).
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))
@@ -108,7 +108,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     >>> print((matrix @ np.tile([1.0, 0.0], len(points))).round(9))
     [0.5 0.  0.  0.  0.5 0.  0.  0. ]
     """
-    rules = part.rules(2)  # Gauss points on an edge
+    rules = part.rules(2)  # two Gauss points per edge
     points = np.concatenate([rule.points.reshape(-1, space.dim) for rule in rules])
     sides = np.concatenate([np.repeat(rule.sides, rule.points.shape[1]) for rule in rules])
     matrices = []
@@ -178,7 +178,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
 
 def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
-    """Return the load matrix (n_u, dim q): node ``nodes[k, i]`` bears the fraction ``shares[k, i]`` of force k."""
+    """Return the matrix (n_u, dim q) from forces at points to nodal forces."""
     (q, n), dim = nodes.shape, space.dim
     rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
     values = np.repeat(shares[:, None, :], dim, axis=1)
@@ -197,7 +197,7 @@ def mean_strains(space: Space, displacement: Callable[[Floats], Floats]) -> Floa
     for rule in part.rules(4):  # exact for degree 7 on edges and 5 on faces
         values = displacement(rule.points.reshape(-1, space.dim)).reshape(rule.points.shape)
         total[rule.sides] = np.einsum("fq,fqa->fa", rule.shares.sum(axis=1), values)
-    flux = total[:, :, None] * part.normals[:, None, :]  # int u n' ds, with n outward from the first cell
+    flux = total[:, :, None] * part.normals[:, None, :]  # int u n' ds, with the outward normal n of the first cell
     columns = [flux[:, a, a] if a == b else flux[:, a, b] + flux[:, b, a] for a, b in COMPONENTS[space.dim]]
     (first, second), inner = sides.cells.T, sides.cells[:, 1] >= 0
     sums = [totals(first, x, mesh.n_cells) - totals(second[inner], x[inner], mesh.n_cells) for x in columns]

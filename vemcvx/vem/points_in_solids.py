@@ -20,7 +20,7 @@ from vemcvx.vem.space import Space
 
 
 def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return the matrices from nodal and cell values to values at points; outside points have empty rows."""
+    """Return matrices from nodal and cell values to point values."""
     parts = [_places(space, mesh, x[k : k + CHUNK_SIZE]) for k in range(0, len(x), CHUNK_SIZE)]
     nodes, cells = ([part[k] for part in parts] for k in range(2))
     return sp.vstack(nodes, format="csr"), sp.vstack(cells, format="csr")
@@ -35,7 +35,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))
     order = np.lexsort([cell, point])
     point, cell = point[order], cell[order]
-    # List the triangles of faces for each pair of a point and a nearby cell.
+    # List the triangles of faces for pairs of points and nearby cells.
     counts = np.diff(mesh.cell_offsets)[cell]
     side = spans(mesh.cell_offsets[cell], counts)
     face = mesh.cell_faces[side]
@@ -55,7 +55,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
             seconds[mesh.boundaries["boundary"][faces_of(joint.partners, mesh._outlines)]] = True
         second = holds & (np.bincount(pair, on & np.repeat(seconds[face], several), len(point)) > 0)
         holds &= ~(second & np.isin(point, point[holds & ~second]))
-    # Points on faces get values on triangles, other points values of Pi u.
+    # Points on faces get values on triangles. Other points get values of Pi u.
     near = np.flatnonzero(on & holds[pair])
     best = near[least_of_each(point[pair[near]], distance[near])]
     traced, columns = point[pair[best]], 3 * triangle[best][:, None] + np.arange(3)
@@ -70,7 +70,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Return the triangles of faces: offsets, corners, matrix from nodal to corner values."""
+    """Return offsets and corners of triangles, and a matrix to corner values."""
     owner, corners, values = [], [], []
     for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
         f, n = group.nodes.shape
@@ -93,7 +93,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return barycentric coordinates of a point of each triangle near the origin, and the distance."""
+    """Return barycentric coordinates of points near the origin, and the distances."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

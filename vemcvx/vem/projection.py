@@ -23,13 +23,13 @@ from vemcvx.meshes.polygons import (
 from vemcvx.vem.tensors import COMPONENTS
 
 
-# Let K be a polygon with the perimeter |dK|, the vertices p_i = (x_i, y_i), and the edges e_i from p_i to p_{i+1}.
-# Let v have the values v_i at p_i. The projection is (Section 3 of the paper; docs/theory/virtual_elements.md)
+# Let K be a polygon with the area |K|, the perimeter |dK|, the vertices p_i = (x_i, y_i), and the edges e_i from p_i to
+# p_{i+1}. A function v with the values v_i at p_i has the projection (docs/theory/virtual_elements.md)
 #
 #     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i p_i,
 #     grad Pi v = sum_i v_i G_i',   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|).
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Return |K| and |K| G_i of counter-clockwise cells near the origin."""
+    """Return |K| and |K| G_i of counter-clockwise cells."""
     gradients = 0.5 * right_of(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1))
     # With this area, the computed gradient of the function x is exactly one.
     return np.einsum("ci,ci->c", corners[:, :, 0], gradients[:, :, 0]), gradients
@@ -129,21 +129,20 @@ def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> I
 
 
 def _fan(n: int) -> Ints:
-    """Return the triangles around the point c, or a triangular face itself."""
+    """Return the triangles (T, 3) around the point c."""
     if n == 3:
         return np.arange(3)[None]
     return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
 
 
 def _split_along_diagonals(corners: Floats) -> Ints:
-    """Cut faces along diagonals into triangles."""
     vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
     return split_at_vertices(np.einsum("fbi,fni->fnb", plane, corners))
 
 
 CACHED_NUMBERS = 2**16
-"""Number of eight-byte numbers in an array; a few such arrays fit into the second-level cache."""
+"""Number of floats in an array, so that a few arrays fit into the second-level cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """0 for radial displacements in bodies of revolution, which cause strains; else 1."""
+    """Factor of translations without strain: 0 for radial displacements in bodies of revolution, else 1."""
 
     @cached_property
     def corners(self) -> Floats:
@@ -205,15 +204,15 @@ class CellGroup:
     def strains(self, v: Floats) -> Floats:
         """Return the strains eps(Pi v) (c, components) of vertex values v (c, n, dim)."""
         measures, B = self.strain_rows()
-        v = v - v[:, :1] * self.FREE  # a large rigid translation costs no digits
+        v = v - v[:, :1] * self.FREE  # reduces rounding for large translations
         return np.asarray(np.einsum("ckia,cia->ck", B, v) / measures[:, None])
 
     def depth(self, x: Floats) -> Floats:
-        """Return the thickness of the body at points x, one except in bodies of revolution."""
+        """Return the thickness (k,) of the body at points x (k, dim)."""
         return np.ones(len(x))
 
     def load_shares(self) -> Floats:
-        """Return the fractions (c, n) of a uniform force on a cell at the vertices."""
+        """Return the fractions (c, n) of a uniform force at the vertices."""
         return np.full(self.nodes.shape, 1.0 / self.nodes.shape[1])
 
     def boundary_means(self) -> Floats:
@@ -221,7 +220,7 @@ class CellGroup:
         return boundary_weights(self.corners)
 
     def vertex_values(self) -> Floats:
-        """Return the matrices (c, n, n) whose entry (i, j) is the value of Pi phi_j at vertex i."""
+        """Return the values (c, n, n) of Pi phi_j at vertices i."""
         return self.values_at(self.corners)
 
     def values_at(self, x: Floats) -> Floats:
@@ -231,18 +230,19 @@ class CellGroup:
         return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])
 
     def chunks(self) -> Iterator[CellGroup]:
-        """Yield pieces of the group whose matrices fit into the cache."""
+        """Yield parts of the group with matrices that fit into the cache."""
         size = max(1, CACHED_NUMBERS // self.nodes.shape[1] ** 2)
         for start in range(0, len(self.cells), size):
             yield self.part(slice(start, start + size))
 
     def part(self, places: Ints | slice) -> Self:
-        """Return the group of the cells at some positions."""
+        """Return the group of the cells at the given positions."""
         own = [field.name for field in fields(self) if field.name != "points"]
         return replace(self, **{name: getattr(self, name)[places] for name in own})
 
 
-# On a polyhedron, let b_{f,i} be the outward vectors and a_{f,i} the integrals of each face f. By Gauss' theorem,
+# Let K be a polyhedron with the surface area |dK|. A face f with an outward normal has the vectors b_{f,i} = b_i and
+# the integrals a_{f,i} = a_i. By Gauss' theorem,
 #
 #     |K| G_i = sum_f b_{f,i},   |K| = sum_i p_i . |K| G_i / 3,   w_i = sum_f a_{f,i} / |dK|.
 @dataclass(frozen=True, eq=False)
@@ -264,11 +264,11 @@ class PolyhedronGroup(CellGroup):
 
     @property
     def stabilised_size(self) -> Floats:
-        """The diameters h_K, (c,)."""
+        """The diameters (c,) of the cells."""
         return self.diameters
 
     def quadrature(self) -> tuple[Floats, Floats, Ints]:
-        """Return the centroid, volume and position of each cell."""
+        """Return the centroids, volumes and positions of cells."""
         return self.centroids, self.gradients()[0], np.arange(len(self.cells))
 
 
@@ -283,7 +283,7 @@ def second_moments(about: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class RingGroup(CellGroup):
-    """A group of cells of a body of revolution in (r, z), over the full turn (docs/theory/virtual_elements.md)."""
+    """A group of cells in the (r, z) plane of a body of revolution (docs/theory/virtual_elements.md)."""
 
     FREE = (0.0, 1.0)
 
@@ -314,7 +314,7 @@ class RingGroup(CellGroup):
         """Return volumes, and volumes times mean strains: rr, zz, rz and hoop."""
         areas, g = self.gradients()
         outward = right_of(np.roll(self.corners, -1, axis=1) - self.corners)
-        # With r relative to the centroid, a body far from the axis loses no digits.
+        # Values of r relative to the centroid reduce rounding far from the axis.
         r = self.corners[:, :, 0] - self.centres[:, :1]
         after = np.roll(r, -1, axis=1)
         own, next_ = ((2.0 * r + after) / 6.0)[:, :, None] * outward, ((r + 2.0 * after) / 6.0)[:, :, None] * outward

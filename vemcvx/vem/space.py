@@ -1,7 +1,7 @@
 """The virtual element space V^h, (3.11) of the paper named in :mod:`vemcvx`.
 
 On a polygon, each component of a displacement in V^h is harmonic. On the boundary of the polygon, each component is
-continuous, and linear on edges. So the values at nodes determine the displacement. For polyhedra see
+continuous, and linear on edges. Therefore, nodal values determine the displacement. For polyhedra see
 :mod:`vemcvx.vem.projection`. Component a at node i is the unknown with the number dim * i + a.
 """
 
@@ -78,7 +78,7 @@ class Space:
 
     @cached_property
     def pieces(self) -> tuple[Ints, Ints]:
-        """The pieces and the nodes of all pairs (connected piece, node)."""
+        """The pieces and the nodes of all pairs (connected piece, node), ordered by piece."""
         mesh, (cell, node) = self.mesh, self.incidences
         label = np.unique(smallest_linked(mesh.neighbours, mesh.n_cells), return_inverse=True)[1]
         shape = (mesh.n_nodes, int(label.max()) + 1)
@@ -115,7 +115,7 @@ class Space:
         Parameters
         ----------
         on : str or sequence of str
-            Boundary names; a side in several boundaries counts once.
+            Boundary names. A side in several boundaries counts once.
         subject : str
             The subject of error messages.
         contact : bool
@@ -160,7 +160,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the named part and, on interfaces, the part on second bodies."""
+        """Return the named part, and the opposite part of interfaces."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -172,7 +172,7 @@ class Space:
         return edge_part(sides, self.mesh.points, across, self.mirrors, inside, axisymmetric=self.axisymmetric)
 
     def _inside(self, edges: Ints, across: Ints | None) -> Bools:
-        """Return True for nodes in only one cell of the first body."""
+        """Return a mask (m, 2) of nodes in only one cell of the first body."""
         cells, nodes = self.incidences
         outline = edges
         if across is not None:
@@ -182,7 +182,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return the second body's node at each vertex of sides, or -1."""
+        """Return the coinciding nodes of second bodies at vertices, or -1."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

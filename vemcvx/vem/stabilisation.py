@@ -1,9 +1,9 @@
 """Stabilisations S_K: energies of the remainder u - Pi u on a cell K, for a displacement u with the projection Pi u.
 
 For vertex values, S_K has a symmetric matrix S that is positive definite on remainders. The local matrix of the cell
-gets the term (I - Pi)' S (I - Pi). The patch test and the error bounds hold for any S_K. The method is stable if S_K is
+has the term (I - Pi)' S (I - Pi). The patch test and the error bounds hold for any S_K. The method is stable if S_K is
 comparable to the true energy of u - Pi u, (2.9) of the paper named in :mod:`vemcvx` (docs/theory/virtual_elements.md).
-The stabilisations S = tau h_K^(dim - 2) I have names: "shear" for tau = 2 mu, and "unit", as in the paper, for tau = 1.
+For cells of diameter h_K, "shear" is S = 2 mu h_K^(dim - 2) I, and "unit" is S = h_K^(dim - 2) I, as in the paper.
 """
 
 from __future__ import annotations
@@ -25,12 +25,11 @@ NAMES = ("shear", "unit")
 class Stabilisation(ABC):
     """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
-    A subclass defines `form`. If the subclass is a frozen dataclass, its objects compare, print and pickle well.
+    A subclass defines `form`. Objects of a frozen dataclass can be compared, printed and pickled.
 
     Examples
     --------
-    The form S = mu I is half of "shear" in the plane, where mu = C[:, 2, 2]; see also
-    problems/stabilisations_of_ones_own.py.
+    In the plane, S = mu I with mu = C[:, 2, 2] is half of "shear". See also problems/stabilisations_of_ones_own.py.
 
     >>> class HalfOfOurs(vx.Stabilisation):
     ...     def form(self, cells, C):
@@ -45,16 +44,16 @@ class Stabilisation(ABC):
         ----------
         cells : CellGroup
             c cells with n vertices. `cells.corners` (c, n, dim) has coordinates relative to the first vertex of each
-            cell. `cells.vertex_values()` returns the matrices (c, n, n) of Pi for vertex values. With
-            grad Pi v = sum_i v_i (x) G_i for the vertex values v_i, `cells.gradients()` returns the measures |K| (c,)
-            and the vectors |K| G_i (c, n, dim). See also :func:`vemcvx.vem.consistent_blocks`.
+            cell. `cells.vertex_values()` returns the matrices (c, n, n) of Pi for vertex values. For vertex values v_i,
+            let grad Pi v = sum_i v_i (x) G_i. Then `cells.gradients()` returns the measures |K| (c,) and the vectors
+            |K| G_i (c, n, dim). See also :func:`vemcvx.vem.consistent_blocks`.
         C : (c, 3, 3) array, in space (c, 6, 6)
             Elastic matrices, components as in :mod:`vemcvx.vem.tensors`, force per area.
 
         Returns
         -------
         (c, n, n) array, or (c, n, n, dim, dim)
-            The symmetric S, force per area times length^(dim - 2). The first shape holds one matrix for all components.
+            The symmetric S, force per area times length^(dim - 2). The first shape has one matrix for all components.
             Entry (K, i, j, a, b) of the second shape couples component a of vertex i with component b of vertex j.
         """
 
@@ -65,7 +64,7 @@ class Stabilisation(ABC):
 
 @dataclass(frozen=True, eq=False)
 class VertexWeights(Stabilisation):
-    """The stabilisation S = tau h_K^(dim - 2) I; tau (n_cells,) is a modulus, force per area."""
+    """The stabilisation S = tau h_K^(dim - 2) I, with moduli tau (n_cells,)."""
 
     tau: Annotated[Floats, "cells", "force/area"]
 

@@ -3,7 +3,7 @@
 Components have the order xx, yy, xy in the plane, xx, yy, zz, xy, yz, xz in space, and rr, zz, rz, hoop in a body of
 revolution. Shear components of strains are doubled: 2 e_xy.
 
-Moduli are arrays with one column per cell. Arrays with two rows have Lame's constants lam and mu; in plane stress, lam
+Moduli are arrays with one column per cell. Arrays with two rows have Lame's constants lam and mu. In plane stress, lam
 is reduced. Arrays with more rows have the upper triangle of the elastic matrix C, row by row: 6 entries in the plane,
 10 in a body of revolution, and 21 in space.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from vemcvx.base.arrays import Floats
 
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-"""The axes of the components of symmetric tensors, by dimension."""
+"""Dimension -> axes of the components of symmetric tensors."""
 
 
 def component_names(dim: int) -> tuple[str, ...]:
@@ -26,7 +26,7 @@ def component_names(dim: int) -> tuple[str, ...]:
 
 
 def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """Return stresses that are `value` in all directions."""
+    """Return isotropic stresses with the normal stress `value`."""
     return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 

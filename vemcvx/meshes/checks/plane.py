@@ -30,7 +30,7 @@ from vemcvx.meshes.polygons import (
 )
 
 CELL = "cell {}".format
-Name = Callable[[int], str]  # from the number of a row to a name in messages
+Name = Callable[[int], str]  # number of a row -> name in messages
 
 
 class CheckedMesh(NamedTuple):
@@ -38,7 +38,7 @@ class CheckedMesh(NamedTuple):
 
     arrays: tuple[NDArray[Any], ...]  # in the order of `ARRAYS` of the mesh class
     interfaces: dict[str, Interface]
-    node_map: Ints | None  # new numbers of given nodes, -1 for dropped nodes; or None
+    node_map: Ints | None  # new numbers of given nodes, -1 for dropped nodes
     notes: list[str]  # sentences about corrections
 
 
@@ -182,12 +182,12 @@ def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> N
 
 
 def check_simple(places: Floats, offsets: Ints, rounding: Floats, name: Name) -> None:
-    """Raise MeshError if an outline meets itself up to rounding."""
+    """Raise MeshError if an outline crosses or touches itself."""
     import shapely
 
     polygons = outlines(places, offsets, np.arange(len(places)))
     bad = ~shapely.is_valid(polygons)
-    several = np.diff(offsets) > 3  # a triangle with an area is simple
+    several = np.diff(offsets) > 3  # triangles are simple
     bad[several] |= shapely.minimum_clearance(polygons[several]) <= rounding[several]
     if bad.any():
         raise MeshError(
@@ -211,13 +211,13 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the smallest height of a cell, defined as area divided by diameter."""
+    """Return the smallest height of cells, area / diameter."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return the two cells that fit worst, and a point there, or None."""
+    """Return two cells that do not fit, and a nearby point, or None."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)
@@ -227,7 +227,7 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
     overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
-    # edges with a common segment come before edges along a gap
+    # Among cells without overlap, the longest common segment is worst.
     along = shapely.length(shapely.intersection(edges[one], edges[other]))
     near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):

@@ -1,9 +1,8 @@
 """Checks of meshes in space, which raise MeshError unless cells are polyhedra that fit together.
 
-Each edge of a cell must belong to exactly two faces of the cell, which traverse the edge in opposite directions. If
-directions are wrong, we reverse the faces whose normals point to the middle of the cell, and check again. Neighbouring
-cells must share whole faces: no two boundary faces may lie on one another. Other overlaps are found only if the cells
-together have a larger volume than the convex hull of the mesh.
+Every edge of a cell must belong to exactly two faces of the cell, with opposite directions. If directions are wrong,
+faces with normals towards the middle of the cell are reversed. Neighbouring cells must share whole faces, so boundary
+faces must not overlap. Overlapping cells are found if the total volume of cells exceeds the volume of the convex hull.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def _face(number: int, cell_offsets: Ints) -> str:
 
 
 def _check_cells(points: Floats, listed: FaceLists) -> Bools:
-    """Return a mask of the listed faces with normals that point inwards."""
+    """Return a mask of listed faces with inward normals."""
     owner = cell_of_corner(listed.cell_offsets)
     first, number = polygons.same_rows(listed.offsets, listed.vertices)
     shapes = polyhedra.face_shapes(points, listed.offsets, listed.vertices)
@@ -135,7 +134,7 @@ def _faces_to_turn(listed: FaceLists, shapes: FaceShapes, n_nodes: int) -> Bools
 
 
 def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShapes) -> None:
-    """Raise MeshError if one of the faces `some` is not a plane simple polygon."""
+    """Raise MeshError if a face is not a plane simple polygon."""
     offsets, vertices = rows_in_order(listed.offsets, listed.vertices, some)
     shapes, face = FaceShapes(*(values[some] for values in shapes)), cell_of_corner(offsets)
     sizes, rounding = polygons.diameters(points, offsets, vertices), plane.roundings(points[vertices], offsets)
@@ -201,7 +200,7 @@ def find_touching_faces(
     shapes: FaceShapes,
     width: float,
     *,
-    body: Ints | None = None,  # numbers of bodies; two faces of one body are no pair
+    body: Ints | None = None,  # body of each face; pairs belong to two bodies
     part: float = SINGLE_EPS,  # smallest common area, relative to the smaller face
 ) -> Ints:
     """Return pairs (2, k) of faces that overlap and are at most `width` apart."""
@@ -229,7 +228,7 @@ def find_touching_faces(
 
 
 RAY_FRAME = np.linalg.qr(np.array([[0.61, -0.32, 0.71], [0.23, 0.94, 0.11], [-0.77, 0.05, 0.58]]))[0]
-"""Orthonormal axes with which hardly any mesh is aligned."""
+"""Orthonormal axes, not aligned with usual meshes."""
 
 
 def is_enclosed(places: Floats, points: Floats, offsets: Ints, vertices: Ints) -> Bools:

@@ -37,9 +37,9 @@ def squares(
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
-        Seed of random meshes; equal squares do not depend on it.
+        Seed of random numbers, for families with random cells.
     size : float
-        Width of a cell, instead of n; it is rounded so that whole cells fill the box.
+        Approximate width of a cell, instead of n.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def squares(
     Raises
     ------
     MeshError
-        Neither n nor size is given, or both are; an argument is invalid; there would be too many cells.
+        An argument is invalid, n and size are both given or both missing, or there are too many cells.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of cells `rows`, without unmarked points and entries -1."""
+    """Return the mesh of cells `rows`, with the points marked in `present`."""
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
@@ -81,7 +81,9 @@ def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> Poly
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with right-angled triangles, two per square; the meshes for n and 2 n are nested.
+    """Return a mesh of a box with right-angled triangles, two per square.
+
+    The meshes for n and 2 n are nested.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
 def hexagons(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with hexagons, stretched to fit; at the sides there are half hexagons and pentagons.
+    """Return a mesh of a box with stretched hexagons, and with half hexagons and pentagons at the sides.
 
     Parameters
     ----------
@@ -129,7 +131,7 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines separate rows of cells; upright edges begin at high nodes.
+    # Zigzag lines separate rows of cells. Upright edges start at high nodes.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))
@@ -150,7 +152,9 @@ def hexagons(
 def distorted(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with distorted squares: inner nodes move along each axis by up to a quarter of a cell.
+    """Return a mesh of a box with distorted squares.
+
+    Inner nodes move at random, along each axis by up to a quarter of a cell.
 
     Parameters
     ----------
@@ -182,12 +186,12 @@ def hanging(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n counts large cells; three tenths of the large cells, chosen at random, are split in four.
+        n counts large cells. Of these, 30 % are chosen at random and split into four.
 
     Returns
     -------
     PolygonMesh
-        Large cells row by row; four quarters replace a split cell.
+        Large cells row by row. Four quarters replace a split cell.
 
     Examples
     --------
@@ -201,7 +205,7 @@ def hanging(
 
 
 ZIGZAG = 0.15
-"""Relative distance of new nodes from the edges of squares in `nonconvex`; below 1/3."""
+"""Distance of new nodes from old edges in `nonconvex`, in cell widths; below 1/3."""
 
 
 def nonconvex(
@@ -225,7 +229,7 @@ def nonconvex(
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    # Every edge becomes a zigzag with two new nodes; horizontal edges come first.
+    # Every edge becomes a zigzag with two new nodes. Horizontal edges come first.
     grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, ZIGZAG], [2 / 3, -ZIGZAG]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-ZIGZAG, 1 / 3], [ZIGZAG, 2 / 3]]) * pitch
@@ -243,7 +247,7 @@ def nonconvex(
         uprights[:, :-1, ::-1].reshape(-1, 2),
     ]
     present = np.ones(len(points) + len(number), dtype=bool)
-    for straight in (levels[[0, -1]], uprights[:, [0, -1]]):  # edges on the sides of the box
+    for straight in (levels[[0, -1]], uprights[:, [0, -1]]):  # edges on the sides of the box stay straight
         present[straight] = False
     nodes = np.concatenate([points, level.reshape(-1, 2), upright.reshape(-1, 2)])
     return mesh_from_rows(nodes, present, np.concatenate(around, axis=1), rectangle)
@@ -257,9 +261,9 @@ def l_shape(
     Parameters
     ----------
     n : int or (int, int)
-        As in `squares`; odd numbers of cells are rounded up, so that the re-entrant corner is a node.
+        As in `squares`. Odd numbers are rounded up, so that the re-entrant corner is a node.
     box : ((x0, x1), (y0, y1))
-        The rectangle around the L; its upper right quarter is left out.
+        The rectangle around the L, which lacks the upper right quarter.
     seed, size : as in `squares`
 
     Returns
@@ -290,9 +294,9 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     Parameters
     ----------
     radii : (k,) array
-        Increasing radii of k >= 2 circles. If the first is 0, the domain is a disc, with triangles about the centre.
+        Increasing radii of k >= 2 circles. With a first radius 0, the domain is a disc, with triangles at the centre.
     sectors : int
-        Number of sides around the full circle or the sector; each side must span an angle below pi.
+        Number of cells around the full circle or the sector. A cell must have an angle below pi.
     angles : (float, float), optional
         Angles of the first and last ray, counter-clockwise from x, in radians; by default a full circle.
 
@@ -316,7 +320,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     turns, disc = end - start > math.tau * (1 - ROUNDING), r[0] == 0.0
     rays = sectors if turns else sectors + 1
     angle = start + (end - start) * np.arange(rays) / sectors
-    unit = np.column_stack([np.cos(angle), np.sin(angle)]).round(15)  # rays along an axis have an exact zero
+    unit = np.column_stack([np.cos(angle), np.sin(angle)]).round(15)  # exact zeros for rays along an axis
     centre = np.zeros(int(disc), dtype=np.int64)
     points = np.concatenate([np.zeros((len(centre), 2)), (r[len(centre) :, None, None] * unit).reshape(-1, 2)])
     around = np.column_stack([np.arange(sectors), np.arange(1, sectors + 1) % rays])

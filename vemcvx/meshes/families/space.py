@@ -48,7 +48,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
-    """Return nodes layer by layer, and corners of cells, numbered as in `FACES`."""
+    """Return nodes layer by layer, and the corners of cells in the order of `FACES`."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
@@ -60,13 +60,13 @@ def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
-    """Return the mesh of cells of one kind, given the nodes of faces."""
+    """Return the mesh of cells with the faces (cells, faces, vertices)."""
     cells, each, sides = faces.shape
     joined = join_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
     return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
-# six tetrahedra about the diagonal from corner 0 to corner 6 (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
+# Six tetrahedra around the diagonal from corner 0 to corner 6 (H. W. Kuhn, IBM J. Res. Dev. 4 (1960), 518)
 CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
 """Corners of each tetrahedron, numbered as in `cube_grid`."""
 

@@ -1,7 +1,7 @@
-"""Centroidal Voronoi meshes of a box: in the plane, with short edges collapsed, and in space.
+"""Centroidal Voronoi meshes of a box in the plane and in space.
 
-Seeds near a side of the box are reflected in this side, so that no cell needs to be cut. Lloyd's iteration moves every
-seed to the centroid of its cell. Both ideas, and the collapse of short edges at the end, follow PolyMesher
+Seeds near a side of the box are reflected in this side, so that no cell is cut. Lloyd's iteration moves every seed to
+the centroid of the cell. In the plane, short edges are collapsed at the end. All three steps follow PolyMesher
 (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012, 309-328).
 
 Seeds lie in a scaled box, in which the mean area of cells (in space: the mean volume) is one.
@@ -67,7 +67,7 @@ def voronoi(
     cells : int, optional
         Number of cells, instead of n or size.
     shortest : float
-        From 0 to 0.1: edges shorter than this fraction of the square root of the mean cell area are collapsed.
+        Edges below this length, from 0 to 0.1, are collapsed. The unit is the square root of the mean cell area.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def kelvin(
     Parameters
     ----------
     n, box, seed, size : as in `cubes`
-        There are two cells for each cube.
+        The mesh has two cells for each cube of `cubes`.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def kelvin(
     >>> vx.meshes.kelvin(2).n_cells
     16
     """
-    # truncated octahedra are the Voronoi cells of a body-centred lattice
+    # Truncated octahedra are the Voronoi cells of a body-centred lattice.
     whole = check_box(box, 3)
     counts = cell_counts(n, whole, size, each=2)
     first = np.indices(counts).reshape(3, -1).T + 0.25
@@ -152,7 +152,7 @@ def kelvin(
 
 
 def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralMesh:
-    """Return the mesh of faces, with sorted nodes, moved from [0, sides] into a box."""
+    """Return the mesh of faces, moved from [0, sides] into a box."""
     points, number = _sort_by_rows(points)
     faces = faces._replace(face_vertices=number[faces.face_vertices])
     points = move_into_box(points, sides, np.array(box.low), np.array(box.high))
@@ -160,20 +160,20 @@ def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralM
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)  # polygons as (offsets, vertices), or polyhedra
-MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> distance up to which sides mirror seeds; cells are about 1 wide
+MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> reach of mirror images, in cell widths
 
 
 def _relax(
     seed: int, count: int, size: Floats, relaxations: int, cut: Callable[[Floats, Floats, float], tuple[Floats, Cells]]
 ) -> tuple[Floats, Cells]:
-    """Return the points and Voronoi cells of random seeds in [0, size] after `relaxations` Lloyd iterations."""
+    """Return points and Voronoi cells after Lloyd's iteration."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # few seeds are mirrored in all sides: else all points might lie on one line
+        # Few seeds without mirror images may lie on one line.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
-            # with too few images, cells leave the box or are open: try again with more images
+            # With too few images, cells leave the box or are open.
             inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE_EPS
             points = np.clip(points, 0.0, size)
             measures, centroids = _measures_and_centroids(points, cells)
@@ -200,7 +200,7 @@ def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
 
 
 def _mirror(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    """Return seeds with mirror images, and numbers of seeds and of sides (seeds: -1)."""
+    """Return seeds and mirror images, seed numbers, and side numbers or -1."""
     images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
     for side in range(2 * len(size)):
         axis, place = side // 2, size[side // 2] * (side % 2)
@@ -243,7 +243,7 @@ def _circumcentres(corners: Floats) -> Floats:
 def collapse_short_edges(
     points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float
 ) -> tuple[Floats, Ints, Ints]:
-    """Collapse edges shorter than `shortest` if cells stay star-shaped about their old centroids."""
+    """Collapse edges shorter than `shortest` if cells stay star-shaped about old centroids."""
     edges = corner_edges(offsets, vertices)
     ends, on = points[edges], (points == 0.0) | (points == size)
     bridge = on[edges].any(axis=2).all(axis=1) & ~(on[edges].all(axis=1) & (ends[:, 0] == ends[:, 1])).any(axis=1)
@@ -281,7 +281,7 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     found, count = Voronoi(sites), len(seeds)
     points, corners = found.vertices, found.ridge_vertices
     first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
-    # other faces are rounding errors at edges of the box
+    # Other faces come from rounding at edges of the box.
     kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
     kept = kept[np.lexsort((second[kept], first[kept]))]
     offsets = offsets_of(np.array([len(corners[k]) for k in kept]))
@@ -289,7 +289,7 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     first, second = first[kept], second[kept]
     side = walls[second]
     of_corner = np.repeat(side, np.diff(offsets))
-    for wall in range(6):  # vertices on a side of the box lie there exactly
+    for wall in range(6):  # vertices on sides get exact coordinates
         points[vertices[of_corner == wall], wall // 2] = size[wall // 2] * (wall % 2)
     place = smallest_linked(close_pairs(points, SAME), len(points))
     points, offsets, vertices, left = _drop_repeats(points, offsets, place[vertices])

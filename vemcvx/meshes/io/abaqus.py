@@ -1,7 +1,7 @@
 """Reading of Abaqus input files: nodes, elements, sets and surfaces.
 
-Sets with the same name in several instances are joined. The elements of a joined set in one instance form the set
-"Instance.Set". A note lists the parts of a file that were not read.
+Sets with the same name in several instances are joined. In one instance, the elements of a joined set form the set
+"Instance.Set". A note lists unread parts of the file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TYPES = {
     r"(?:T[23]D|R2D)(\d)": {2: "line", 3: "line3"},
     r"B[23](\d)": {1: "line", 2: "line3"},
 }
-"""Pattern of element types -> number matched by the bracket -> kind of cell."""
+"""Pattern of element types -> number in the type -> kind of cell."""
 SIDES = {
     "triangle": ("01", "12", "20"),
     "quad": ("01", "12", "23", "30"),
@@ -35,7 +35,7 @@ SIDES = {
     "wedge": ("012", "354", "0143", "1254", "2035"),
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
-"""The sides S1, S2 ... of elements, as positions of corners."""
+"""Kind of cell -> corners on the sides S1, S2 ..."""
 REFUSED = "ELGEN", "ELCOPY", "NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "IMPORT"
 KEYWORDS_WITH_FILES = "NODE", "ELEMENT", "NSET", "ELSET", "INCLUDE"
 Block = tuple[str, dict[str, str], list[str]]  # keyword in capitals, options, lines of data
@@ -70,7 +70,7 @@ def read_abaqus(path: Path) -> Grid:
 
 
 def _largest(grid: Grid) -> list[str]:
-    """Return the names of sets of cells that no larger set contains."""
+    """Return the names of sets that no larger set contains."""
     inner = grid.bounding[0]
     some = {name: x & inner for name, x in grid.sets.items() if (x & inner).any() and not x[inner].all()}
     order = sorted(some, key=lambda name: np.count_nonzero(some[name]))
@@ -80,7 +80,7 @@ def _largest(grid: Grid) -> list[str]:
 
 @dataclass
 class _Deck:
-    """The contents of a file read so far."""
+    """The contents of the lines read so far."""
 
     points: list[list[float]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
@@ -180,12 +180,12 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements that `word`, a number or set, denotes."""
+        """Return the nodes or elements of `word`, a number or a set name."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # missing elements are reported by type
+            if kind == "NSET" and int(of) not in known:  # a note already lists unread elements
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:
@@ -228,12 +228,12 @@ class _Deck:
 
 
 def _real(word: str) -> float:
-    """Return the value of a word in Python's or Fortran's notation."""
+    """Return the value of a number such as 1.5D-3."""
     return float(word.upper().replace("D", "E") or 0)
 
 
 def _rotate(x: Floats, axis: Floats) -> Floats:
-    """Rotate points about an axis, given by two points and an angle in degrees."""
+    """Rotate points about an axis (7,): two points, and an angle in degrees."""
     along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
     arm = x - axis[:3]
     kept = np.outer(arm @ along, along)

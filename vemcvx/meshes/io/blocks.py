@@ -1,4 +1,4 @@
-"""Conversion from and to meshes of meshio: blocks of cells, with Gmsh's physical groups."""
+"""Conversion from and to meshes of meshio, with Gmsh's physical groups."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def from_meshio(mesh: Any) -> Grid:
 def cells_of(mesh: Any) -> Grid:
     """Convert a mesh of meshio, without physical groups."""
     rows: list[Ints] = []
-    for block in mesh.cells:  # data of unknown kinds may be no array
+    for block in mesh.cells:  # blocks of unknown kinds may have no array
         known = block.type.rstrip(DIGITS) in {*NODES, "polygon"}
         rows.append(np.asarray(block.data if known else np.zeros((len(block.data), 1))).astype(np.int64))
     sizes, none = [len(row) for row in rows], np.zeros(0, dtype=np.int64)
@@ -56,7 +56,7 @@ def cells_of(mesh: Any) -> Grid:
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Add physical groups of cells as named sets; with `groups`, `numbers` are entities."""
+    """Add sets of cells by group numbers, or by entity numbers and `groups`."""
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
     for dim, number in np.unique(np.column_stack([dimension, numbers]), axis=0).tolist():
@@ -73,7 +73,7 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return the meshio mesh of a grid; `CELL` keeps the old order of cells."""
+    """Return the meshio mesh of a grid, with the old order in `CELL`."""
     import meshio
 
     counts = np.diff(grid.offsets)

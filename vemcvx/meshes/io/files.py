@@ -1,4 +1,4 @@
-"""Mesh files. VTU files are read and written; files of Gmsh, Abaqus and Nastran are read."""
+"""Reading of VTU, Gmsh, Abaqus and Nastran files, and writing of VTU files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ READERS: dict[str, Callable[[Path], Grid]] = {".vtu": lambda path: read_vtu(path
 READERS |= {".inp": read_abaqus, **dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)}
 BODIES = {".msh": "physical group of cells", ".inp": "instance or part, or else of every element set"}
 BODIES |= dict.fromkeys((".bdf", ".nas", ".fem"), "property")
-"""Suffix -> groups of cells that become bodies with bodies='physical'."""
+"""Suffix -> source of bodies, for messages."""
 FORMATS = "VTK (.vtu), Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 
 
@@ -37,7 +37,7 @@ def load(path: str | Path) -> AnyTessellation:
 
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
-    """Return the mesh of each body in a file, by name, and the names of all sides."""
+    """Return the meshes of bodies by name, and the names of all sides."""
     grid = _read(path)
     with translate_errors(str(path), "holds no valid mesh"):
         if (source := BODIES.get(Path(path).suffix.lower())) is None:

@@ -1,4 +1,4 @@
-"""Gmsh files, .msh: meshio reads points and cells, and we read physical groups.
+"""Reading of Gmsh files. meshio reads points and cells, and this module reads physical groups.
 
 meshio loses groups that share a name or an entity, and fails at entities without a group (Mesh.SaveAll).
 """
@@ -52,7 +52,7 @@ def read_gmsh(path: Path) -> Grid:
     first, number = same_rows(grid.offsets, grid.vertices)
     if len(first) == len(number):
         return grid
-    # version 2 repeats a cell for each of its groups
+    # Version 2 repeats a cell that belongs to several groups.
     together = {name: np.bincount(number, chosen) > 0 for name, chosen in grid.sets.items()}
     grid = grid.select(first)
     grid.sets = together
@@ -84,8 +84,8 @@ def _groups(section: bytes, version: float, width: bytes, *, binary: bool) -> Ma
     for dim, count in enumerate(take(size, 4)):
         for _ in range(count):
             (tag,) = take("i4", 1)
-            take("f8", 3 if dim == 0 and version > 4.0 else 6)  # the bounding box
-            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # negative: reversed
+            take("f8", 3 if dim == 0 and version > 4.0 else 6)  # skips the bounding box
+            groups[dim, tag] = [abs(group) for group in take("i4", take(size, 1)[0])]  # the sign is an orientation
             if dim:
-                take("i4", take(size, 1)[0])  # the bounding entities
+                take("i4", take(size, 1)[0])  # skips the bounding entities
     return groups

@@ -1,8 +1,8 @@
 """Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
 
 Boundary edges (in space: boundary faces) are cells of a grid, too. A named set of boundary cells becomes a boundary of
-the mesh. Files store a boundary as a cell datum "boundary:<name>". A named set of other cells becomes a cell datum.
-Such cell data are 1 in the set and 0 outside.
+the mesh. Files store the boundary as a cell datum "boundary:<name>". A named set of other cells becomes a cell datum.
+Both kinds of data are 1 in the set and 0 outside.
 
 An interface of two bodies is stored as two boundaries. The boundary "<name>" has edges or faces of the first body. The
 boundary "partners:<first>:<second>:<name>" has the coinciding nodes of the second body.
@@ -35,14 +35,14 @@ AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # end of the names of cells of higher order, such as "triangle6"
+DIGITS = "0123456789"  # kinds of higher order end with digits, such as "triangle6"
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 EDGES = {"tetra": (1, 2, 3), "wedge": (1, 2, 3), "pyramid": (1, 3, 4), "hexahedron": (1, 3, 4)}
 """Neighbours of vertex 0 along edges, in right-handed order."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
-"""Numbers of (nodes, faces, triangular faces) -> kind of solid, and number of nodes at the bottom."""
+"""Numbers of nodes, faces and triangles -> kind of solid, and number of nodes at the bottom."""
 
 
 @dataclass
@@ -58,12 +58,12 @@ class Grid:
     parts: dict[str, Rows] = field(default_factory=dict)  # parts of the boundary that are not cells of the grid
     nodes: dict[str, Bools] = field(default_factory=dict)  # masks (n,) of named sets of nodes
     bodies: tuple[str, ...] = ()  # names of sets that are bodies
-    faces: FaceLists | None = None  # faces of the polyhedra, in the order of the polyhedra
-    notes: tuple[str, ...] = ()  # sentences on parts of the file that were not read
+    faces: FaceLists | None = None  # faces of polyhedra, cell by cell
+    notes: tuple[str, ...] = ()  # sentences about unread parts of the file
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,) of the cells of the mesh, and of cells that may be on its boundary."""
+        """Masks (k,) of the cells of the mesh, and of possible boundary cells."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
@@ -94,7 +94,7 @@ def translate_errors(subject: str, failure: str) -> Iterator[None]:
 
 
 def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
-    """Return the mesh of a grid. If no boundary has a name, name straight sides."""
+    """Return the mesh of a grid. Straight sides get names if no boundary has a name."""
     with translate_errors(subject, "holds no valid mesh"), quietly() as caught:
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
@@ -107,7 +107,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the grid of a mesh; `polyhedra` permits solids of any shape."""
+    """Return the grid of a mesh, with `polyhedra` for solids of any shape."""
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
@@ -148,14 +148,14 @@ def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
 
 
 def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """Return kinds, offsets and vertices of cells, bottom vertices before top vertices."""
+    """Return kinds, offsets and vertices of cells, from bottom to top."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]
         shape = len(set().union(*faces)), len(faces), sum(len(face) == 3 for face in faces)
         kind, n = SHAPES.get(shape, ("", 0))
         bottom = next((face[::-1] for face in faces if len(face) == n), list[int]())
-        # one directed edge leads up from each node of the bottom
+        # Each bottom node has a single edge to the top.
         edges = [edge for face in faces for edge in zip(face, face[1:] + face[:1], strict=True)]
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):
@@ -217,7 +217,7 @@ def keep_corners(grid: Grid) -> Grid:
 
 
 def bodies_of(grid: Grid, source: str) -> dict[str, Grid]:
-    """Return the grids of bodies by name; `source` is a noun for messages."""
+    """Return the grids of bodies by name."""
     inner, outer = grid.bounding
     bodies = {name: grid.sets[name] & inner for name in grid.bodies if (grid.sets[name] & inner).any()}
     times = np.sum([*bodies.values(), np.zeros(len(inner), dtype=np.int64)], axis=0)[inner]
@@ -271,7 +271,7 @@ def _plane(points: Floats, used: Ints) -> Floats:
     """Return the points without z. Raise MeshError if z is not constant."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        # Rotated meshes are plane up to rounding; later checks report invalid node numbers.
+        # Rotated meshes are plane up to rounding. Later checks report invalid node numbers.
         x = points.take(used, axis=0, mode="clip")
         if np.ptp(x[:, 2]) > SAME * np.nanmax(np.abs(x - x[0]), initial=0.0):
             raise MeshError(
@@ -295,7 +295,7 @@ def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
 
 
 def _solids(grid: Grid, cells: Ints) -> FaceLists:
-    """Return the faces of the given solids, in this order."""
+    """Return the faces of the given solids."""
     lists, numbers = [], []
     for kind in np.unique(grid.kinds[cells]).tolist():
         members = np.flatnonzero(grid.kinds == kind)

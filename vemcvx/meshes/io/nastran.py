@@ -1,6 +1,6 @@
 """Reading of Nastran files. Cards are rewritten with commas, and meshio reads the result.
 
-The elements with the same property form a set, named by the number of the property.
+Elements with the same property form a set. The name of the set is the number of the property.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vemcvx.meshes.io.grid import Grid
 
 CORNERS = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CSHEAR": 4, "CTETRA": 4}
 CORNERS |= {"CPYRAM": 5, "CPYRA": 5, "CPENTA": 6, "CHEXA": 8, "CBAR": 2, "CBEAM": 2, "CROD": 2}
-"""Element -> number of corners, which come before other nodes."""
+"""Element -> number of corners, which are the first nodes."""
 FIRST_ORDER = {"CTRIA6": "CTRIA3", "CQUAD8": "CQUAD4"}
 SOLIDS = "CTETRA", "CPYRAM", "CPYRA", "CPENTA", "CHEXA"  # of first or second order
 
@@ -67,7 +67,7 @@ def _cards(text: str) -> list[list[str]]:
             fields = [line[k : k + 16].strip() for k in range(8, 72, 16)]
         width = 4 if "*" in head else 8
         if len(fields) == width + 1:
-            fields = fields[:width]  # without the continuation mark
+            fields = fields[:width]  # drops the continuation mark
         if head and head[0] not in "+*":
             cards.append([head.rstrip("*")])
         if cards and (head or any(fields)):

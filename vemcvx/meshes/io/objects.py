@@ -119,7 +119,7 @@ def convert(other: Any) -> AnyTessellation | Any:
     Raises
     ------
     MeshError
-        ``other`` is no such object, or not a valid mesh.
+        ``other`` is an object of another type, or not a valid mesh.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """VTK files of unstructured grids, .vtu.
 
-The reader of meshio permutes polygons, cannot read polyhedra together with other cells, and rejects files of today's
-ParaView and PyVista.
+The reader of meshio permutes polygons, cannot read polyhedra together with other cells, and rejects files of current
+versions of ParaView and PyVista.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def read_vtu(data: bytes) -> Grid:
 
 
 def with_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
-    """Add the parts of the boundary in fields "boundary:<name>" to a grid."""
+    """Add boundary parts from fields "boundary:<name>" to a grid."""
     for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
         rows = values if values.ndim == 2 else values.reshape(-1, 2)
         if rows.dtype.kind not in "iu":
@@ -89,7 +89,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
             start = int(array.get("offset", 0))
             raw, data = b"raw" in words, body[start : min((p for p in places if p > start), default=len(body))]
         if not raw:
-            # several base64 texts in a row, each padded with =
+            # The data may consist of several base64 texts.
             data = b"".join(map(base64.b64decode, re.findall(rb"[A-Za-z0-9+/]+={0,2}", b"".join(data.split()))))
         head = np.dtype(f"{order}u{8 if root.get('header_type') == 'UInt64' else 4}")
         values = np.frombuffer(_unpack(data, head, root.get("compressor", "")), dtype.newbyteorder(order))
@@ -99,7 +99,7 @@ def _values(array: ElementTree.Element, root: ElementTree.Element, appended: byt
 
 
 def _unpack(data: bytes, head: np.dtype[Any], compressor: str) -> bytes:
-    """Return the bytes of an array."""
+    """Return the decompressed bytes of an array."""
     if not data:
         return b""
     count = int(np.frombuffer(data, head, 1)[0])
@@ -160,7 +160,7 @@ def _pack_grid(grid: Grid) -> ElementTree.Element:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # for each cell: number of faces; for each face: number of nodes, nodes
+        # A cell has the number of faces, then for each face the number of nodes and the nodes.
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]

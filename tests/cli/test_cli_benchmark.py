@@ -75,7 +75,7 @@ def test_outcomes_are_distinguished_and_counted():
         ["sure", "1/1", "1/1", "0/0", "1", "0"],
         ["false", "0/1", "0/1", "0/0", "0", "1"],
     ]
-    # Refusing an instance does not improve the mean of a solver.
+    # A refused instance does not improve the mean of a solver.
     both = {**ENTRIES, "picky": {"a": ENTRIES["quick"]["a"], "b": [make_trial(None, outcome=REFUSED)]}}
     both["sure"] = {**ENTRIES["sure"], "b": [make_trial(1e-2, 9.0, 1e-10)]}
     found = {
@@ -117,7 +117,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """With the optimum d* of step 1, errors are .03 |d*|_K and .02 |d*|_K; the largest norm (step 2) is 2 |d*|_K."""
+    """Errors are .03 |d*|_K and .02 |d*|_K, with the optimum d* of step 1. Step 2 has the norm 2 |d*|_K."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 
@@ -197,7 +197,7 @@ NEWTON = """
 
 @pytest.mark.slow
 def test_the_readme_of_a_collection_shows_a_solver_and_a_command_that_run(tmp_path, monkeypatch):
-    """In the solver of the README, dots stand for the method; the test writes Newton's method in their place."""
+    """The test writes Newton's method in place of the dots."""
     wanted = {"block_between_dies-n12-2of8", "block_in_space-n4-4of8", "feng_han_huang-n8-4of8"}
     write_collection(tmp_path, instances=[one for one in INSTANCES if one.name in wanted])
     lines = (tmp_path / "README.md").read_text().splitlines()

@@ -25,7 +25,7 @@ GRADES = {instance.grade for instance in INSTANCES}
 
 
 def choose_small():
-    """Return small condensed instances: one of each grade, but an infeasible and an unbounded one of "no optimum"."""
+    """Return one small instance of each grade, and two instances without optimum."""
     large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
     small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     first = {(one.grade, one.without): one for one in reversed(small)}
@@ -59,7 +59,7 @@ def test_a_sequence_has_one_set_of_matrices_and_the_programs_of_its_steps(tmp_pa
         programs = sequence_from_npz(tmp_path / "all" / f"{one.name}.npz")
         assert [program.step for program in programs] == [2, 3, 4, 5, 6, 7, 8]
         assert all(program.operators is programs[0].operators for program in programs)
-        # Last digits depend on previous steps, so the intervals of the optimum overlap without being equal.
+        # Last digits depend on previous steps, so the two intervals are not equal.
         (low, high), (lowest, highest) = last.bounds, programs[-1].bounds
         assert max(low, lowest) <= min(high, highest)
         words = json.loads((tmp_path / "all" / f"{one.name}.json").read_text())
@@ -87,7 +87,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
         program = vx.read_program(tmp_path / f"{row['name']}.npz")
         assert len(program.g) == row["unknowns"]
         optimum = row["optimum"]
-        # If K has a kernel, springs are added to K; after reading, these springs differ, and so do rounding errors.
+        # If K has a kernel, rounding errors differ after reading.
         bounds = optimum["low"], optimum["high"]
         assert program.bounds == (pytest.approx(bounds, rel=1e-12) if row["kernel"] else bounds)
         assert program.certificate.error <= 1e-8 * program.norm
@@ -104,7 +104,7 @@ def test_the_script_confirms_an_instance_of_each_grade(tmp_path, capsys):
 
 
 def count_degenerate(program):
-    """Count norm terms with zero slip and a multiplier at its bound, both up to a relative 1e-9."""
+    """Count norm terms with zero slip and a multiplier at the bound, up to 1e-9."""
     slip = np.linalg.norm(program.slip(program.answer.d), axis=1)
     room = program.w - np.linalg.norm(program.answer.lam, axis=1)
     return np.count_nonzero((slip <= 1e-9 * slip.max(initial=0.0)) & (room <= 1e-9 * program.w))

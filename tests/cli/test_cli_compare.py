@@ -1,4 +1,4 @@
-"""`vemcvx compare`: two solutions differ by at most the sum of their certificates; a solver that fails has a row."""
+"""`vemcvx compare`: distances of solutions against certificates, and rows of failed solvers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def compare(*options):
 
 
 def read_rows(output):
-    """Return the table: (solver, settings) -> words of its line."""
+    """Return (solver, settings) -> words of the line in the table."""
     lines = [*output.splitlines(), ""]
     start = next(i for i, line in enumerate(lines) if line.split()[:1] == ["solver"])
     body = [line.split() for line in lines[start + 1 : lines.index("", start)]]
@@ -78,7 +78,7 @@ def read_rows(output):
 
 
 def read_outcomes(output):
-    """Return the outcomes below the table: (solver, settings) -> words."""
+    """Return (solver, settings) -> outcome below the table."""
     found = re.findall(r"^(\w+)(?: \((\w+)\))?: (refused|missed|failed): (.*)$", output, re.MULTILINE)
     return {(solver, settings or "own"): f"{end} {says}" for solver, settings, end, says in found}
 
@@ -108,7 +108,7 @@ def test_all_solvers_that_accept_the_program_agree():
         asked, certified, good, apart, allowed, honest = told[name, settings][:6]
         assert float(asked) == 1e-6
         assert good == ("yes" if float(certified) <= 1e-6 else "no")
-        if apart == "-":  # All other solutions are compared with this one.
+        if apart == "-":  # This solution is the reference.
             continue
         assert 0 < float(apart) <= float(allowed) <= 2 * 4 * float(certified)
         assert honest == "yes"
@@ -134,7 +134,7 @@ def test_run_and_compare_print_the_same_error():
 
 
 def test_the_summary_gives_the_reason_for_an_error_above_the_requested_accuracy():
-    """The reason is rounding, or a gap that the solver left."""
+    """The reason is rounding, or a duality gap."""
     history = vx.simulate(paper_scene(), small("squares"), np.linspace(0.0, 1.0, 9))
     unit = history.trajectory.unit
 
@@ -187,7 +187,7 @@ def test_solvers_that_fail_have_a_row_and_no_other_solver_is_called_wrong(broken
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_an_error_of_the_problem_is_printed_once(tmp_path):
-    """The initial state contradicts the supports for every solver. A warning of the scene is printed once, too."""
+    """The initial state contradicts the supports."""
     warn = "import warnings\n    warnings.warn('a mistake', vx.SceneWarning, stacklevel=1)\n    return vx.Scene("
     (tmp_path / "jump.py").write_text(ONE_SIDED.replace('initial = "settled"', "").replace("return vx.Scene(", warn))
     done = invoke(tmp_path / "jump.py", "--n", 2, "--steps", 1, "--solvers", "newton,direct,clarabel")

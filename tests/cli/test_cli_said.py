@@ -22,7 +22,7 @@ TERMINAL = SimpleNamespace(isatty=lambda: True)
 
 
 def split_words(text):
-    """Return the words without numbers, which differ from run to run, and without the lines that frame help."""
+    """Return the words without numbers and without frames of help."""
     return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
 
 

@@ -1,4 +1,4 @@
-"""Problem files with stages: stages run in order, each in its folder, and are joined in one history."""
+"""Problem files with stages. Stages run in order, in separate folders, and are joined to one history."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def stages(pull=2.0):
 @pytest.fixture
 def pad(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("VEMCVX_APP", "")  # so that the value which `vemcvx app` sets is removed afterwards
+    monkeypatch.setenv("VEMCVX_APP", "")  # monkeypatch restores the variable after the test
     (tmp_path / "pad.py").write_text(FILE.strip())
     return tmp_path
 

@@ -1,4 +1,4 @@
-"""A film has a frame for each stored step, all at one scale; a notebook shows a figure as a picture."""
+"""A film has a frame for each stored step, all at one scale. A notebook shows a figure as a picture."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def test_the_ledger_adds_up(history):
 
 
 def squeeze(sides, mesh):
-    """Push a block between rough walls to the right, against its clamp."""
+    """Push a block between rough walls against a clamp."""
     pull = vx.BodyForce(lambda x, t: np.column_stack([8 * t + 0 * x[:, 0], 0 * x[:, 0]]))
     contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=1.0, on=sides)
     return vx.simulate(vx.Scene(STEEL, vx.Clamp(on="right"), pull, *contact), mesh, [0.0, 1.0])
@@ -167,7 +167,7 @@ def test_contact_on_two_sides_is_drawn_over_arc_length_in_two_parts():
     assert line.label == "arc length $s$"
     assert sorted(line.order) == list(range(len(history.contact.nodes)))
     assert len(line.gaps) == 1
-    # Half an edge at the end of each part belongs to the clamp.
+    # The clamp owns half an edge at the end of each part.
     assert np.diff(line.limits, axis=1).sum() == pytest.approx(4.0 - 2 * (2 / 12) / 2)
     x, traction = history.contact.points[line.order], history.contact.traction
     below = x[:, 1] == 0
@@ -219,7 +219,6 @@ def test_pressures_of_the_size_of_rounding_are_drawn_as_zero():
 
 @pytest.mark.long
 def test_all_steps_share_one_scale(history):
-    """Magnification, colours, arrows and view fit the whole history."""
     steps = 1, 6, 24
     frames = [deformed_mesh(history, step).axes[0] for step in steps]
     assert len({find_magnification(ax) for ax in frames}) == 1
@@ -263,7 +262,7 @@ def test_a_body_is_coloured_by_its_stress_with_arrows_of_contact_forces(history)
 
 
 def test_a_magnified_thin_layer_is_not_inverted():
-    """A layer is pressed by a thousandth of its thickness; the layer's width would allow the magnification 10,000."""
+    """The width of the layer would allow the magnification 10,000."""
     press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top")
     scene = vx.Scene(vx.Elasticity(210e9, 0.3), vx.Clamp(on="bottom"), press)
     history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])
@@ -347,7 +346,7 @@ def draw_stressed_body(history, **options):
     2,
 )
 def test_closed_contact_is_marked_where_magnification_separates_the_bodies(draw, gap, apart):
-    """An interference (gap = -.002) moves the faces apart by .002, in the picture by .02. The mark fills this space."""
+    """The gap -.002 moves the faces apart by .002, in the picture by .02. The mark fills the space."""
     boxes = {"lower": ((0, 2), (0, 1)), "upper": ((0, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4, 2), box) for name, box in boxes.items()})
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")

@@ -25,7 +25,7 @@ def history():
 
 
 def drag(mesh, sides="bottom", motion=(1.0, 0.0, 0.0)):
-    """Drag a block by its top over contact on some sides."""
+    """Drag a block by the top, with contact on some sides."""
     moved = vx.PrescribedDisplacement(lambda x, t: t * np.array(motion), on="top")
     contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=1.0, on=sides)
     return vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), moved, *contact), mesh, [0.0, 1.0])
@@ -105,7 +105,7 @@ def test_contact_on_opposite_sides_is_not_drawn():
 
 @pytest.mark.long
 def test_each_interface_has_its_own_axes():
-    """The middle one of three blocks is pulled. Arrows show the slip of the first body of an interface."""
+    """The middle block of three blocks is pulled."""
     boxes = {name: ((0, 1), (0, 1), (z, z + 0.5)) for name, z in (("low", 0.0), ("middle", 0.5), ("top", 1.0))}
     mesh = vx.meshes.bodies({name: vx.meshes.cubes((4, 4, 2), box) for name, box in boxes.items()})
     joints = ["low|middle", "middle|top"]

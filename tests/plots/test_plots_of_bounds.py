@@ -22,7 +22,7 @@ def bounded():
 
 
 def find_bars(ax):
-    """Return the ends (k, 2) and the places (k,) of the error bars of axes."""
+    """Return ends (k, 2) and places (k,) of error bars."""
     (drawn,) = ax.containers
     ends = np.array(drawn.lines[2][0].get_segments())
     return ends[:, :, 1], ends[:, 0, 0]
@@ -53,7 +53,7 @@ def pull(*effects):
 
 @pytest.mark.long
 def test_bounds_of_the_driving_force_are_bars_and_in_files(tmp_path):
-    """The force on squares of 1/24, which is nearly exact, is within the bounds computed on squares of 1/4."""
+    """The force on a fine mesh is within the bounds of a coarse mesh."""
     scene = pull(vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom"))
     history = vx.simulate(scene, vx.meshes.squares(4), TIMES, bound=True)
     assert history.bounded_force == {"right": 0}

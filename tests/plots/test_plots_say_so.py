@@ -20,7 +20,7 @@ BODY = vx.Elasticity(200.0, 0.3)
 
 
 def press(gap=0.0):
-    """Press a block on another; the gap between them grows to the right."""
+    """Press a block on another block, with a gap that grows to the right."""
     blocks = {name: vx.meshes.squares(6, box=((0, 1), (y, y + 1))) for name, y in (("lower", 0.0), ("upper", 1.0))}
     down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.02 * t], (len(x), 1)), on="upper.top")
     touch = vx.UnilateralContact(on="lower|upper", gap=lambda x, t: gap * x[:, 0] ** 2)
@@ -47,7 +47,7 @@ def stuck():
 
 
 def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
-    """The bar of stresses ends at their 99 % quantile, and the bar of displacements at the largest displacement."""
+    """The bar of stresses ends at the 99 % quantile. The bar of displacements ends at the maximum."""
     stress = stressed_body(stuck, stress="von_mises").axes[0].collections[0].colorbar
     assert stress.vmax < stuck.von_mises(-1).max()
     assert stress.extend == "max"

@@ -13,7 +13,7 @@ from hard.case import Case, Setting, run
 from hard.ground import block
 
 IDS = [f"{subject}: {case.name}" for subject, case in hard_cases.CASES]
-# Each of these cases has a smaller variant: three steps, a polygon of 200 vertices, other Poisson's ratios.
+# Each slow case has a smaller variant.
 SLOW = {
     "time and load: thin strip, L/H = 50: pushed, released, pushed",
     "time and load: ten cycles",

@@ -22,7 +22,7 @@ figures = pytest.importorskip("matplotlib.figure")
 
 
 def cells(name):
-    """Return (kind, text) of every cell, kind "markdown" or "code"; text before the first mark is code."""
+    """Return (kind, text) of every cell; `kind` is "markdown" or "code"."""
     first, *rest = re.split(r"^# %%(.*)\n", (FOLDER / name).read_text(), flags=re.MULTILINE)
     marked = zip(rest[::2], rest[1::2], strict=True)
     return [("code", first), *(("markdown" if "[markdown]" in mark else "code", text) for mark, text in marked)]
@@ -73,7 +73,7 @@ def test_every_question_has_an_answer_that_unfolds(name):
             r"\n#\n# <details><summary>Answer</summary>\n#\n(.+?)\n#\n# </details>\n", question, re.DOTALL
         )
         assert answer, question[:300]
-        # The answer follows its question, without a heading in between, and contains no other answer.
+        # No heading stands between question and answer.
         assert "# ## " not in question[: answer.start()]
         assert len(answer.group(1).split()) > 25
         assert "details>" not in answer.group(1)
@@ -88,5 +88,5 @@ def test_the_package_agrees_with_the_cantilevers_that_lesson_3_assembles_by_hand
         steel = vx.Elasticity(young=1.0, poisson=space["poissons"][2])
         scene = vx.Scene(steel, vx.Clamp(on="left"), vx.Traction((0.0, -1.0), on="right"))
         history = vx.simulate(scene, small(family, n, box=((0, 4), (0, 1))), [0.0, 1.0], initial="equilibrium")
-        # The energy is half the work of the load; condition numbers below 1e6 cause errors below 1e-9.
+        # The energy is half the work of the load. Condition numbers below 1e6 cause errors below 1e-9.
         assert 2 * history.energy[-1] == pytest.approx(space["cantilever"][family, n][2], rel=1e-9)

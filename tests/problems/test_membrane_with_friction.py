@@ -38,7 +38,7 @@ def test_stick_slip_and_reversal_are_exact_on_every_mesh(family):
 
 
 def test_the_stiffness_reproduces_linear_functions(family):
-    """For u = x the vector K u is the flux through the boundary, and u'Ku the area; only constants have no energy."""
+    """For u = x, K u is the flux through the boundary, and u'Ku is the area."""
     mesh = vx.meshes.FAMILIES[family](4, box=BOX)
     K = lesson.scalar_stiffness(mesh)
     area, x = lesson.LENGTH * lesson.HEIGHT, mesh.points[:, 0]
@@ -76,7 +76,7 @@ def test_energies_and_slip_zones_on_the_table_have_errors_of_first_order():
         _, friction = lesson.solve_table_exactly(mesh.points[posed.rough, 0])
         lam = trajectory.multipliers[at][:, :, 0]
         assert (np.abs(lam) <= lesson.BOUND * posed.measures * (1 + 1e-12)).all()
-        # Exact friction jumps at the ends of two zones, by 2 g and by g. Near these jumps computed friction is wrong.
+        # Exact friction jumps at the ends of two zones. Near the jumps computed friction is wrong.
         misplaced = np.abs(lam - friction * posed.measures).sum(axis=1)
         assert (misplaced[1:] <= 3 * lesson.BOUND * lesson.HEIGHT * mesh.h).all()
         lost = lesson.table_dissipation()

@@ -27,7 +27,7 @@ import strip_on_a_belt as belt
 import vemcvx as vx
 
 FLOOR = 1e-7
-"""Largest relative error of displacements and forces of a run whose energy error is certified to 1e-8."""
+"""Relative error of displacements and forces for the certified energy error 1e-8."""
 
 
 @cache
@@ -44,7 +44,7 @@ def simulate(problem, n, steps=None, family=None, **parameters):
 
 @pytest.mark.long
 def test_a_plate_with_a_hole_has_the_field_of_kirsch():
-    """Displacements, and stresses at centroids, have errors O(h^2); the rollers bear the integral of sigma_xx."""
+    """Displacements, and stresses at centroids, have errors O(h^2)."""
     off, rim = [], []
     for n in (8, 16):
         history = simulate(hole, n)
@@ -65,7 +65,7 @@ def test_a_plate_with_a_hole_has_the_field_of_kirsch():
 
 @pytest.mark.long
 def test_the_stress_in_a_fibre_is_uniform():
-    """Displacements and the mean stress of the fibre have errors O(h^2), stresses of single cells have errors O(h)."""
+    """Displacements and the mean stress have errors O(h^2). Stresses of single cells have errors O(h)."""
     mean, around = [], []
     for n in (8, 16):
         history = simulate(inclusion, n)
@@ -108,14 +108,14 @@ def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
 
 
 def test_the_slip_of_a_fault_causes_the_given_stress_drop():
-    """On the middle six tenths of the fault, 16 cells along the fault give the stress drop with an error below 2 %."""
+    """On the middle six tenths of the fault, the error of the stress drop is below 2 %."""
     x, lost = fault.stress_drop(run_small(fault))
     assert lost[-1, np.abs(x) < 0.6] == pytest.approx(fault.DROP, rel=0.02)
 
 
 @pytest.mark.long
 def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
-    """Rod theory has an error O(H / transfer length), here 1/24; the computed draw-in is within .13 % of the theory."""
+    """The computed draw-in is within .13 % of rod theory."""
     history, H = run_small(tendon), tendon.HEIGHT
     third, mesh = history.steps // 3, history.mesh
     end = mesh.points[:, 0] == tendon.LENGTH
@@ -125,13 +125,13 @@ def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
     s, sigma = tendon.LENGTH - mesh.centroids[:, 0], history.stress(third)[:, 0]
     for place in (2.125, 10.125, 30.125):
         section = np.abs(s - place) < 1e-9
-        # The mean stress balances the friction between the end and s. The tolerance is the friction of half a cell.
+        # The tolerance is the friction of half a cell.
         assert sigma[section].mean() == pytest.approx(tendon.stress(place), abs=tendon.BOUND * 0.25 / H)
 
 
 @pytest.mark.long
 def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
-    """Radial displacements and pressures q have errors O(h^2); the pressure is zero until the gap closes."""
+    """Radial displacements and pressures have errors O(h^2). The pressure is zero until the gap closes."""
     errors = []
     for n in (5, 10):
         history = simulate(liner, n)
@@ -158,13 +158,13 @@ def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
     slides = ~contact.sticking.any(axis=1)
     assert slides[[fifth, 3 * fifth, 5 * fifth]].all()
     assert np.abs(found - exact)[slides].max() < FLOOR * most
-    # When the belt is back at its first turning point, the strip is back in the state that it had there.
+    # A closed loop of the belt ends in the state in which it began.
     assert np.abs(history.displacement[5 * fifth] - history.displacement[fifth]).max() < FLOOR * belt.AMPLITUDE
 
 
 @pytest.mark.long
 def test_a_silo_hangs_on_its_walls():
-    """The theory of slices has an error O((width / decay length)^2): .9 % for mu = .4, .3 % for mu = .2."""
+    """The theory of slices has an error O((width / decay length)^2), .9 % for mu = .4 and .3 % for mu = .2."""
     errors = []
     for friction in (0.2, 0.4):
         history = simulate(silo, 4, steps=2, friction=friction)
@@ -184,12 +184,12 @@ def test_a_silo_hangs_on_its_walls():
 
 @pytest.mark.long
 def test_a_beam_meets_its_stop():
-    """The deflection has an error O(h^2); the force of the stop is within one per cent of Timoshenko's beam."""
+    """The deflection has an error O(h^2). The force of the stop is within one per cent of Timoshenko's beam."""
     history = run_small(beam)
     force = beam.FORCE * history.times
     end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
     found, R = -history.displacement[:, end, 1].mean(axis=1), history.force("stop")[:, 1]
-    # With squares of side H/16 the beam bends .8 % too little. Dents at the force and at the stop add O((H / L)^2).
+    # With 16 squares across the height, the beam bends .8 % too little.
     near = {"rel": 0.01, "abs": 1e-6}
     assert found == pytest.approx(beam.end_deflection(force), **near)
     free = force * beam.deflection_by_force() < beam.GAP

@@ -22,14 +22,13 @@ ROOT = Path(gallery.__file__).parent.parent
 ALONE = ("feng_han_huang", "liner_in_housing")
 """Problems that the default tests run as a single file in an empty folder."""
 FORMAL = {"manufactured_full_slip"}
-"""Problems whose docstring says that a run warns about their strains."""
+"""Problems whose runs warn about large strains."""
 matplotlib = pytest.importorskip("matplotlib")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", gallery.problem_files())
 def test_every_problem_runs_in_its_small_setting_and_is_drawn_within_the_page(name, caplog):
-    """A run warns about large strains if and only if the docstring of the problem says so."""
     problem = import_module(name)
     history = gallery.small_run(problem)
     assert history.certificate.max() <= getattr(problem, "SMALL", {}).get("accuracy", 1e-8)
@@ -45,7 +44,6 @@ def test_every_problem_runs_in_its_small_setting_and_is_drawn_within_the_page(na
 
 
 def test_every_effect_has_a_problem_that_shows_it():
-    """The table of effects names, for every effect, a problem whose scene has this effect."""
     lines = re.findall(r"^\| `(\w+)` \|.*\| \[`(\w+)`\]\(gallery/\2\.md\) \|$", texts.page("effects"), re.M)
     kinds = [kind for kind in vars(effects).values() if isinstance(kind, type) and issubclass(kind, Effect)]
     wanted = {kind.__name__ for kind in kinds if kind.__name__ in effects.__all__} - {"Effect", "MaterialLaw"}
@@ -67,7 +65,7 @@ def test_a_problem_file_imports_no_other_problem_file(name):
     "name", [pytest.param(name, marks=() if name in ALONE else pytest.mark.long) for name in gallery.problem_files()]
 )
 def test_a_problem_file_runs_alone_in_an_empty_folder(name, tmp_path):
-    """Start a new process, because in this one sys.path has the folder of problems."""
+    """Start a new process, without the folder of problems in sys.path."""
     shutil.copy(ROOT / "problems" / f"{name}.py", tmp_path)
     problem = import_module(name)
     steps = ["--steps", "2"] if hasattr(problem, "times") else []

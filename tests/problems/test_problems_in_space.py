@@ -30,7 +30,7 @@ FLOOR = 1e-9
 
 
 def simulate(problem, n, steps=None, family=None, mesh=None, **parameters):
-    """Simulate a problem with the accuracy in its `SMALL`, and with the steps in `SMALL` unless `steps` is given."""
+    """Simulate a problem with the accuracy and, by default, the steps in `SMALL`."""
     mesh = mesh or (problem.mesh(n) if family is None else problem.mesh(n, family=family))
     small, initial = getattr(problem, "SMALL", {}), getattr(problem, "initial", None)
     times, solver = problem.times(steps or small["steps"]), vx.Newton(small.get("accuracy", 1e-8))
@@ -85,12 +85,12 @@ def test_a_twisted_pad_bears_two_thirds_of_mu_p_r():
 @pytest.mark.long
 @pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_flange_unscrews_when_its_base_shakes(n):
-    """Torques of load, friction and springs balance at each instant; the springs bear the load in the end."""
+    """The torques of load, friction and springs balance at each instant."""
     history = simulate(flange, n, 2 * flange.STEPS)
     held, friction = (history.moment(kind)[:, 2] for kind in (vx.ElasticFoundation, vx.CoulombFriction))
     applied = -held - friction
     assert np.ptp(applied) < 1e-7 * np.abs(applied).max()
-    # The load acts on a polygon with 16n corners in place of a circle, which explains the tolerance.
+    # The load acts on a polygon with 16n corners in place of a circle.
     assert applied[0] == pytest.approx(0.75 * flange.FRICTION_TORQUE, rel=(np.pi / (16 * n)) ** 2)
     assert np.all(np.abs(friction) <= flange.FRICTION_TORQUE * 1.05)
     turned = flange.angle(history)[:: flange.STEPS]
@@ -107,7 +107,7 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
     a, mu = sphere.hertz(P)[0], sphere.FRICTION
     exact = a * np.cbrt(1 - Q / (mu * P))
     assert 0.4 < Q / (mu * P) < 0.8
-    # The tolerance is one cell: nodes are a/n apart.
+    # The tolerance is one cell, a / n.
     assert sphere.stick_radius(history) == pytest.approx(exact, abs=a / n)
 
 
@@ -115,12 +115,12 @@ def test_a_sphere_is_dragged_as_cattaneo_and_mindlin_say():
 @LOOSE
 @pytest.mark.parametrize("family", SPACE)
 def test_a_skew_joint_is_a_friction_spring(family):
-    """Forces balance to rounding; while all of the joint slides, the force of the springs is the closed form."""
+    """While the whole joint slides, the springs have the force of the closed form."""
     history = simulate(skew, skew.SMALL["n"] if family == "cubes" else 2, skew.SMALL["steps"], family)
     contact, known, found = history.contact, skew.exact_solution(history.times), skew.springs(history)
     assert (contact.partners >= 0).all()
     assert np.abs(skew.forces(history)[:, 2] + skew.load(history.times)).max() < 1e-12
-    # Leave out steps in which rigid blocks would stick: there elastic blocks may slip slightly, in any direction.
+    # Leave out steps in which rigid blocks would stick.
     slides = (contact.slip_count == len(contact.nodes)) & (np.abs(np.diff(known, prepend=0.0)) > 1e-9)
     assert slides.sum() >= 9
     assert found[slides] == pytest.approx(known[slides], rel=1e-4)
@@ -130,7 +130,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
 
 @pytest.mark.long
 def test_a_ball_lifts_off_the_back_of_its_socket():
-    """At first pressures are above p cos(pi / 8): faces at a node are inclined by at most pi / 8 to the mean normal."""
+    """Faces at a node are inclined by at most pi / 8 to the mean normal."""
     history = simulate(ball, 2)
     contact = history.contact
     assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE
@@ -202,7 +202,7 @@ def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
 @pytest.mark.filterwarnings("ignore:supports")
 @pytest.mark.parametrize(("n", "upper", "highest"), [(8, None, 0.03), (12, 9, 0.07)])
 def test_two_balls_press_as_hertz_says(n, upper, highest):
-    """Radius and peak of the half-ellipsoid agree with Hertz within 3 %. On different meshes, pressures alternate."""
+    """Radius and peak of the pressure agree with Hertz within 3 %."""
     history = simulate(balls, n, mesh=balls.mesh(n, upper=upper))
     radius, peak = balls.hertz(balls.force(history)[-1])
     found = balls.measure(history)

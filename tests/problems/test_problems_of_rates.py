@@ -17,7 +17,7 @@ def test_friction_that_grows_with_speed_creeps_to_its_steady_value():
         run = vx.simulate(brake.scene(), brake.mesh(3), brake.times(steps), initial="settled")
         found = brake.measure_friction(run)
         errors.append(np.abs(found - brake.friction(run.times)).max())
-        # Backward Euler: the distance to the steady value decreases by the factor 1 / (1 + k / tau).
+        # In a step k of backward Euler, the distance to the steady value decreases by the factor 1 / (1 + k / tau).
         left, tau = brake.bound(brake.SPEED) - found[steps // 5 :], brake.GROWTH * brake.HEIGHT / brake.G
         assert left[1:] == pytest.approx(left[:-1] / (1 + 0.4 / steps / tau), abs=1e-10)
         assert run.certificate_kind == "bound"
@@ -37,7 +37,7 @@ def test_friction_that_falls_with_speed_is_a_sawtooth_with_a_certificate_for_the
 
 
 def test_a_block_sinks_into_its_dashpots_like_an_exponential():
-    """The sinking of steps has a closed form. The errors of sinking and loss are O(k)."""
+    """The errors of depth and loss are O(k) for steps of size k."""
     errors, mesh = [], support.mesh(3)
     mesh = mesh.with_cell_data("all", np.ones(mesh.n_cells))
     for steps in (50, 100):

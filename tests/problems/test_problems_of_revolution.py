@@ -21,7 +21,7 @@ def test_a_sphere_has_the_contact_of_hertz(family, n):
     (a, peak), found = sphere.hertz(P), sphere.measure_contact(history)
     assert found == pytest.approx([a, peak], rel=0.01)
     assert history.force(vx.Clamp)[-1, 1] == pytest.approx(P, rel=1e-9)
-    assert "reaction of sole" not in history.resultants  # The axis, at which the sole ends, is no support.
+    assert "reaction of sole" not in history.resultants  # The axis is no support.
     if family == "squares":
         depth, stress = sphere.stresses_near_axis(history)
         axial, radial = sphere.stresses_on_axis(depth, P)
@@ -30,7 +30,7 @@ def test_a_sphere_has_the_contact_of_hertz(family, n):
 
 @pytest.mark.parametrize("poisson", [sleeve.POISSON, pytest.param((0.0, 0.0), marks=pytest.mark.long)])
 def test_a_sleeve_is_pushed_off_by_the_force_of_its_joint(poisson):
-    """The shrunk joint has Lame's pressure within .2 %, and the push-out force is the closed form within .2 %."""
+    """Lame's pressure and the push-out force have errors below .2 %."""
     history = vx.simulate(sleeve.scene(poisson), sleeve.mesh(4), sleeve.times(13))
     contact, (pressure, force, length) = history.contact, sleeve.evaluate_closed_form(poisson)
     assert contact.pressure[1] @ contact.lengths == pytest.approx(pressure * contact.lengths.sum(), rel=2e-3)

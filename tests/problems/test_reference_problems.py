@@ -51,7 +51,7 @@ def test_a_cylinder_presses_as_hertz_says(solver):
 @pytest.mark.long
 @pytest.mark.parametrize("drag", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
 def test_a_dragged_cylinder_sticks_as_cattaneo_and_mindlin_say(drag):
-    """The stick half-width is within three per cent of a sqrt(1 - Q / mu P)."""
+    """The stick half-width is within three per cent of the closed form."""
     history = vx.simulate(cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8))
     Q, P = np.abs(history.force("bottom")[-1])
     a, _ = hertz.fit_half_ellipse(history.contact.points[:, 0], history.contact.pressure[-1])
@@ -62,7 +62,7 @@ def test_a_dragged_cylinder_sticks_as_cattaneo_and_mindlin_say(drag):
 
 @pytest.mark.long
 def test_a_rod_pushed_released_and_pushed_follows_shear_lag():
-    """The error of end displacements is O(H / slip length)."""
+    """The error of end displacements is O(height / slip length)."""
     history = vx.simulate(shear_lag.scene(), shear_lag.mesh(4), shear_lag.times(24))
     end = history.mesh.points[:, 0] == 0
     found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
@@ -86,8 +86,8 @@ def test_a_viscous_bar_creeps_as_kelvin_and_voigt_say():
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @mostly_long("asperities", [False, True], 1)
 def test_a_beam_on_winklers_foundation(asperities):
-    """Deflections differ by at most two per cent from the slender beam's. On asperities the ends lift off."""
-    # The springs are much softer than the plate: the certified error is then about 1e-8.
+    """Deflections are within two per cent of a slender beam. On asperities the ends lift off."""
+    # The springs are much softer than the plate, so the certified error is about 1e-8.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(winkler.scene(asperities), winkler.mesh(5), winkler.times(2), solver=solver)
     low = history.mesh.points[:, 1] == 0

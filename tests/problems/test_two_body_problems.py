@@ -35,14 +35,14 @@ def test_two_blocks_make_one_loop(family):
 
 @pytest.mark.long
 def test_a_pack_of_blocks_slides_one_by_one(family):
-    """Tractions, slips, starts of sliding, and the plate force by Masing's rule are exact on every mesh."""
+    """Tractions, slips, and the plate force by Masing's rule are exact on every mesh."""
     mesh, times = pack.mesh(2, family), pack.times(40)
     history = vx.simulate(pack.scene(), mesh, times)
     contact, (q, a), one = history.contact, pack.exact_solution(times), pack.bearing(history.contact.points)
     assert np.abs(contact.traction[:, :, 0] - q[:, one]).max() < 1e-10
     assert np.abs(contact.slip[:, :, 0] + a[:, one]).max() < 1e-10
     assert np.abs(pack.plate_force(history) - pack.force(times)).max() < 1e-10
-    # No block begins to slide exactly at one of these instants, so rounding does not matter.
+    # No block begins to slide exactly at an instant, so rounding does not matter.
     first = times <= 1
     assert np.array_equal(contact.sticking[first], pack.plate(times[first])[:, None] < pack.STARTS[one])
     loop = 4 * pack.BOUNDS * np.maximum(pack.AMPLITUDE - pack.STARTS, 0.0)
@@ -62,7 +62,7 @@ def pressures(n, outer=None):
 
 @pytest.mark.long
 def test_a_press_fit_on_equal_meshes():
-    """Nodal pressures are uniform. Their error is less than one per cent of Lame's pressure, and is O(h^2)."""
+    """Nodal pressures are uniform. The error is below one per cent of Lame's pressure, and O(h^2)."""
     coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))
     assert np.abs(coarse - 1).max() < 0.01
     # All sectors are alike, so pressures differ only because the solver stops at a certified error of 1e-7.
@@ -72,7 +72,7 @@ def test_a_press_fit_on_equal_meshes():
 
 @pytest.mark.parametrize("n", [8, pytest.param(32, marks=pytest.mark.slow)])
 def test_a_press_fit_on_meshes_that_do_not_match(n):
-    """Chord and arc meet at an angle e. Errors of pressures are below e, and the error of their mean is below e^2."""
+    """Chord and arc meet at an angle e. Errors of pressures are below e, the error of the mean is below e^2."""
     ratio, lengths = pressures(n)
     weights, angle = lengths / lengths.sum(), np.pi / (4 * n)
     assert np.sqrt(weights @ (ratio - 1) ** 2) < angle
@@ -90,7 +90,7 @@ def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
     assert history.contact.sticking.any(axis=1).all()
     added = np.diff(history.contact.wear[::4], axis=0)[1:]
     added /= added.max()
-    # Wear is a sum of small slips: allow a hundred times the certified error, 1e-8.
+    # Wear is a sum of small slips, so the tolerance is a hundred times the certified error 1e-8.
     assert np.abs(added - added[0]).max() < 1e-6
     x = history.contact.points[:, 0] - joint.LENGTH / 2
     assert added[0][np.abs(x) < joint.BOLT / 4].max() < 0.01

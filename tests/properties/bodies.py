@@ -1,4 +1,4 @@
-"""Properties of the body: the kernel of its stiffness matrix, and answers that do not depend on its place."""
+"""Properties of the body: the kernel of the stiffness matrix, and answers for moved bodies."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from vemcvx.vem import Space
 from vemcvx.vem.elasticity import rigid_modes
 
 CELL = 64
-"""Bound on the number of rounding errors in an entry of a local matrix, which is a sum over about a dozen vertices."""
+"""Bound on the number of rounding errors in an entry of a local matrix."""
 
 
 @for_all(mesh=meshes(), data=st.data(), kind=st.sampled_from(("shear", "unit")))
 def stiffness_has_the_rigid_motions_as_kernel(mesh, data, kind):
     """A is symmetric to the bit, A R = 0 for rigid motions R, and A is positive on all other motions.
 
-    Entries have errors of at most CELL eps M_ij with M = `majorant(A)`; a product with R adds one rounding error per
+    Entries have errors of at most CELL eps M_ij with M = `majorant(A)`. A product with R adds one rounding error per
     summand. For D^{-1/2} A D^{-1/2}, where D is the diagonal of A, all entries of M are 1. For N nodes M has the norm
     2N, so eigenvalues have errors of at most (CELL + 2N) eps 2N.
     """
@@ -52,7 +52,7 @@ class Motion:
     """old number of each new cell"""
 
     def mesh(self, mesh):
-        """Return the moved mesh; a reflection reverses the cells, and each cell begins at another vertex."""
+        """Return the moved mesh. A reflection reverses the order of vertices."""
         points = np.empty_like(mesh.points)
         points[self.nodes] = mesh.points @ self.Q.T
         turn = 1 if np.linalg.det(self.Q) > 0 else -1
@@ -61,7 +61,7 @@ class Motion:
         return vx.PolygonMesh(points, [np.roll(cell, c) for c, cell in enumerate(old)], boundaries=names)
 
     def scene(self, setting):
-        """Return the moved scene: forces are rotated with the body."""
+        """Return the moved scene, with rotated forces."""
         Q = self.Q
 
         def rotate(force):
@@ -89,14 +89,14 @@ ANGLES = st.one_of(st.just(0.0), st.floats(0, 2 * np.pi))
 def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     """u(Q x) = Q u(x) for every rotation or reflection Q and every numbering of nodes and cells.
 
-    Both histories solve one problem up to the rounding of coordinates, Q x = x' (1 + eps). Relative to a cell of
-    diameter h the rounding is kappa eps with kappa = CELL / h (the body has size one). There are two effects:
+    The coordinates Q x are rounded. In a cell of diameter h, the relative error is kappa eps with kappa = CELL / h.
+    Rounding has two consequences, with M = `majorant(A)` and the slips s:
 
     - Forces A u and f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy norm.
-    - Weights w change by kappa eps w. Multiply one answer's multipliers by 1 - kappa eps: they are admissible in the
-      other program. The gap grows by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+    - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible in both programs. The gap grows
+      by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
 
-    Steps do not enlarge earlier errors, so these errors and the certified errors add up.
+    Steps do not enlarge earlier errors, so all errors add up.
     """
     rng, mesh = np.random.default_rng(seed), setting.mesh
     c, s = np.cos(angle), np.sin(angle)

@@ -55,7 +55,7 @@ def steps_are_stable(case, data, size, seed):
 
 @for_all(case=cases(), power=st.integers(-40, 40), numerator=st.integers(3, 1000))
 def forces_scale_the_answer(case, power, numerator):
-    """If loads f and weights w are multiplied by c > 0, so is the state y: exactly, if c is a power of two.
+    """Loads c f and weights c w with c > 0 give the state c y, exactly if c is a power of two.
 
     For other c, f and w have 24 binary digits and c has at most 10, so c f and c w are exact. Then c y_n and the answer
     y^c_n approximate one exact solution. Their distance is at most the sum of the certified errors of both runs so far,
@@ -96,12 +96,12 @@ def solvers_agree(case):
 def ledger_closes(setting, which):
     """Dissipation grows, and energy balances: within the certificates, work - dE - loss = sum 1/2 a(du, du).
 
-    Here dE is the change of the energy. A step has the increment du of the state, slips s = B du with bounds w,
-    multipliers lam, and the residual r = f - B'lam - K y. So work - dE - 1/2 a(du, du) = (B'lam + r).du = lam.s + r.du,
-    and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at most e |du|_K + gap for
-    the certified error e. The sums contain products x'Ky, where x and y are states, increments, or responses K^{-1}f to
-    loads. A step has fewer than twenty products and solves, and rounding changes each by at most n eps |x|'M|y|, with
-    M = majorant(A).
+    Here dE is the change of the energy, and a(du, du) = du'K du. A step has the increment du of the state, the slips
+    s = B du with bounds w, multipliers lam, and the residual r = f - B'lam - K y. So the work is dE + 1/2 a(du, du) +
+    lam.s + r.du, and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at most
+    e |du|_K + gap for the certified error e. The sums contain products x'Ky, where x and y are states, increments, or
+    responses K^{-1}f to loads. A step has fewer than twenty products and solves. Rounding changes each product by at
+    most n eps |x|'M|y|, with M = majorant(A).
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)

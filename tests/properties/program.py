@@ -28,8 +28,8 @@ def draw_increments(run, n, size, rng):
 def objective_is_strongly_convex(case, size, seed, share):
     """P((1 - t) a + t b) <= (1 - t) P(a) + t P(b) - t (1 - t)/2 |a - b|_K^2 for t = 1/2 and a random t.
 
-    This is an identity for the quadratic part, and the triangle inequality for a norm. `blur` bounds rounding errors of
-    the three values of P and of the squared distance, a sum of n^2 products.
+    P is the objective of the step. The statement is an identity for quadratic terms, and the triangle inequality for
+    norms. `blur` bounds the rounding errors of P and of |a - b|_K^2.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):
@@ -47,7 +47,7 @@ def objective_is_strongly_convex(case, size, seed, share):
 def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
-    All summands of the gap are >= 0, so each is at most the gap: |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
+    All summands of the gap are >= 0, so each is at most the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
     w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with
     |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at most 2w |B v|. Here |B_i v| is at most
     |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of stored states. In blocks of two

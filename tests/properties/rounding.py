@@ -56,7 +56,7 @@ class Energy:
         return float(np.sqrt(blur @ np.abs(self.K) @ blur))
 
     def rounding_of_forces(self, f, *states):
-        """Return a bound of |e|_{K^{-1}}: e is the rounding error of f - K y, and y the sum of the states."""
+        """Return a bound of |e|_{K^{-1}}, with the rounding error e of f - K y and the sum y of the states."""
         size = np.abs(f) + majorant(self.K) @ sum(map(np.abs, states))
         return self.of_blurred_force((len(f) + 2) * EPS * size)
 
@@ -150,5 +150,5 @@ class Marched:
 
 
 def marched(case, solver):
-    """March a case, also if the solver misses its accuracy; tests compare errors with certificates."""
+    """March a case, even if the solver misses the accuracy."""
     return Marched(case, case.march(solver, check=False))

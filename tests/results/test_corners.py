@@ -1,4 +1,4 @@
-"""Corners where stress may be unbounded, and the words that mark extremes at these corners."""
+"""Extremes at corners with unbounded stress are marked."""
 
 import json
 
@@ -31,14 +31,13 @@ def run_settled(mesh, *effects):
 
 
 def mark_at(history, place):
-    """Return the words that mark the corner at a place."""
     node = int(np.linalg.norm(history.mesh.points - place, axis=1).argmin())
     return Corners(history.mesh, history.contact, history.sides).sentence([node], -1)
 
 
 @pytest.mark.long
 def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
-    """From squares of 1/8 to 1/16, the corner pressure grows by about the factor 2^.29 (Williams's exponent)."""
+    """From h = 1/8 to h = 1/16, the corner pressure grows by about the factor 2^.29 (Williams)."""
     found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
     told = marks(found[16])
     assert told["von_mises"] == told["largest_principal_stress"] == CLAMP
@@ -60,14 +59,13 @@ def test_corners_of_clamps_and_of_contact_with_friction_are_marked():
     ],
 )
 def test_angles_and_boundary_conditions_decide_which_corners_are_marked(held, place, words):
-    """Corners of clamp and free side are marked at 90 degrees, corners of equal conditions above 180 degrees."""
     load = vx.Traction((0.0, -1.0), on="left")
     assert mark_at(run_settled(vx.meshes.l_shape(8), STEEL, held, load), place) == words
 
 
 @pytest.mark.parametrize(("degrees", "words"), [(90, ""), (120, f"at a corner of clamp and contact{MAY}")])
 def test_frictionless_contact_counts_as_symmetry(degrees, words):
-    """The body and its mirror image form a wedge between clamps. Stress is unbounded if 2 * `degrees` exceeds 180."""
+    """The body and the mirror image form one wedge."""
     lean = 1.0 / np.tan(np.radians(degrees))
     mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [lean, 1]]), [[0, 1, 2, 3]]).refine().refine()
     mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] - lean * x[:, 1]) < 1e-9)
@@ -78,7 +76,7 @@ def test_frictionless_contact_counts_as_symmetry(degrees, words):
 
 @pytest.mark.parametrize("friction", [(), (vx.CoulombFriction(0.3, on="bottom"),)])
 def test_the_edge_of_contact_inside_a_side_is_no_corner(friction):
-    """The right end of the block is lifted. Contact ends at the left corner, and inside the bottom."""
+    """Contact ends at the left corner, and inside the bottom."""
     lift = vx.PrescribedDisplacement(lambda x, t: t * (x[:, :1] * [0.0, 0.04] + [0.0, -0.02]), on="top")
     history = run_settled(vx.meshes.squares(8), STEEL, lift, vx.UnilateralContact(on="bottom"), *friction)
     places = sorted(history.contact.points.tolist())
@@ -89,7 +87,7 @@ def test_the_edge_of_contact_inside_a_side_is_no_corner(friction):
 
 @pytest.mark.parametrize(("width", "words"), [(2.0, REENTRANT), (1.0, "")])
 def test_angles_of_touching_bodies_are_added(width, words):
-    """A block on a wider block has 270 degrees at its corner, a block on an equal block 180."""
+    """The angle is 270 degrees on a wider block, and 180 degrees on an equal block."""
     boxes = {"lower": ((-1.0, width - 1.0), (-1.0, 0.0)), "upper": ((-1.0, 0.0), (0.0, 1.0))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4 * int(box[0][1] + 1), 4), box) for name, box in boxes.items()})
     contact = vx.UnilateralContact(on="lower|upper"), vx.Clamp(on="lower.bottom")
@@ -112,7 +110,6 @@ def test_the_tip_of_a_crack_is_marked():
     [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4), (block_between_dies, 8)],
 )
 def test_bounded_stresses_are_not_marked(problem, n):
-    """In these problems contact opens smoothly, polygons replace curves, symmetry holds sides, or stress is uniform."""
     begin = getattr(problem, "initial", None)
     history = vx.simulate(problem.scene(), problem.mesh(n), problem.times(4), initial=begin)
     assert not any(marks(history).values())

@@ -1,4 +1,4 @@
-"""Extremes are taken over the whole history; in these runs, no extreme occurs in the last step."""
+"""Extremes are taken over the whole history."""
 
 import json
 
@@ -10,7 +10,7 @@ import vemcvx as vx
 
 
 def press_and_pull(x, t):
-    """Return a traction that presses and shears: it grows up to t = 1.25 and falls to half of its peak at t = 2."""
+    """Return a traction that grows up to t = 1.25, and falls to half the peak at t = 2."""
     size = t if t <= 1.25 else 1.25 - 0.625 * (t - 1.25) / 0.75
     return np.tile([0.3 * size] + [0.0] * (x.shape[1] - 2) + [-size], (len(x), 1))
 
@@ -32,7 +32,7 @@ def history(request):
 
 
 def fields(history):
-    """Return all values of each field, (S, n), and their places."""
+    """Return the values (S, n) and the places of each field."""
     stored, contact = history.stored.tolist(), history.contact
     principal = np.array([history.principal_stresses(n) for n in stored])
     over = "length" if history.mesh.points.shape[1] == 2 else "area"

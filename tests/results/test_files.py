@@ -1,4 +1,4 @@
-"""A history is written to a folder and read back to the bit; meshio reads its steps; damaged files are refused."""
+"""Histories are read back from files to the bit. Damaged files are refused."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_cell_fields_are_in_the_order_of_the_cells(history, tmp_path):
     assert np.array_equal(stress, history.stress(8))
     e = strains(Space(history.mesh), history.displacement[8])
     lam, mu = history.moduli
-    # 1/2 (lam tr(eps)^2 + 2 mu eps : eps); the third column of e is 2 e_xy.
+    # The columns of e are e_xx, e_yy and 2 e_xy.
     density = 0.5 * lam * (e[:, 0] + e[:, 1]) ** 2 + mu * (e[:, 0] ** 2 + e[:, 1] ** 2 + 0.5 * e[:, 2] ** 2)
     assert energy == pytest.approx(density, rel=1e-12, abs=1e-15 * density.max())
 

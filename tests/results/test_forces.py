@@ -1,4 +1,4 @@
-"""Forces, moments and mean values. Each force is due to an effect, and all forces balance."""
+"""Effects exert forces and moments. All forces balance."""
 
 import json
 
@@ -16,10 +16,7 @@ STEEL = vx.Elasticity(1000.0, 0.3)
 
 
 def assert_balanced(history, scene=None):
-    """Check that forces and loads balance in total and at every node, except at the start of a viscous run.
-
-    `scene` gives the material of a history that has no scene of its own.
-    """
+    """Check that forces and loads balance in total and at every node."""
     acting = history.acting
     with suppress_scene_warnings():
         posed = pose_scene(scene or history.scene, history.mesh, history.trajectory.times.tolist())
@@ -37,10 +34,10 @@ def assert_balanced(history, scene=None):
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, others]):
         np.add.at(nodal[row], acting.ends[others, 0], forces)
-        for load in between:  # `acting` includes loads between two ends; history.forces = A u - f excludes them.
+        for load in between:  # `history.forces` excludes loads between two ends.
             nodal[row] -= load.vector(history.times[row]).reshape(nodal[row].shape)
     off = np.abs(nodal - history.forces)
-    if history.is_axisymmetric:  # The axis holds its nodes radially; no effect of the scene has this force.
+    if history.is_axisymmetric:  # The axis holds nodes radially without an effect.
         off[:, history.mesh.points[:, 0] == 0.0, 0] = 0.0
     assert (off.max(axis=(1, 2)) <= 1e-10 * largest + rounding)[begin:].all()
     assert (acting.ends[acting.held, 1] >= -2).all()
@@ -51,7 +48,7 @@ def test_every_problem_is_in_balance(name):
     problem = __import__(name)
     history = gallery.small_run(problem)
     assert_balanced(history, problem.stages()[-1][0] if hasattr(problem, "stages") else None)
-    # Forces that belong to no side act across an interface.
+    # Only forces across interfaces have no side.
     acting = history.acting
     sides = history._space.part("boundary", "test", contact=True).names
     there = acting.through(sides)
@@ -62,7 +59,7 @@ def test_every_problem_is_in_balance(name):
 
 @pytest.fixture(scope="module")
 def dragged():
-    """A block dragged over another by its left side. The friction bound is .6."""
+    """A block that is dragged over another block, with the friction bound .6."""
 
     def block(y):
         return vx.meshes.squares(4, box=((0, 1), (y, y + 1)))
@@ -78,7 +75,7 @@ def dragged():
 
 
 def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
-    """Friction is .6 on a length of 1, which includes the corner node of the dragged side."""
+    """The friction is .6 on a length of 1."""
     read = vx.read_history(dragged.write(tmp_path / "run"))
     for history in (dragged, read):
         assert history.reaction("up.left")[-1] == pytest.approx([0.6, 0.0], abs=1e-12)
@@ -86,7 +83,7 @@ def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
         assert history.force(vx.TrescaFriction(0.6, on="low|up"))[-1] == pytest.approx([0.6, 0.0], abs=1e-12)
         assert history.reaction("low.bottom")[-1] == pytest.approx([-0.6, 0.0], abs=1e-12)
     assert dragged.force(vx.BilateralContact)[-1] == pytest.approx([0.0, 0.0], abs=1e-12)
-    # Moments of both bodies balance, too.
+    # The moments on both bodies balance.
     assert dragged.moment("up.left")[-1] == pytest.approx(dragged.moment("low|up")[-1], abs=1e-12)
     about = (0.5, 0.0)
     moments = dragged.moment("low.bottom", about=about) + dragged.moment("low|up", about=about)
@@ -94,7 +91,6 @@ def test_the_dragged_side_bears_all_friction(dragged, tmp_path):
 
 
 def test_planes_of_symmetry_share_no_force():
-    """Each plane bears the stress along its own normal, although both planes meet at a node."""
     pulls = vx.Pressure(2.0, on="right"), vx.Pressure(3.0, on="top")
     scene = vx.Scene(STEEL, vx.Symmetry(on=["left", "bottom"]), *pulls)
     history = vx.simulate(scene, small("voronoi", 5, seed=1), [0.0, 1.0], initial="settled")

@@ -1,4 +1,4 @@
-"""A run leaves foreign files in its folder alone, locks the folder, and releases it when it is killed."""
+"""A run locks the folder of output, and keeps foreign files."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ YOUNG, LENGTH = 200.0, 4.0
 
 
 def pull_bar(course, *more, times=None):
-    """Pull a bar on rollers by stresses that are linear between the given pairs (t, stress)."""
+    """Pull a bar on rollers by stresses that are linear between pairs (t, stress)."""
     times = np.linspace(0.0, course[-1][0], 4 * (len(course) - 1) + 1) if times is None else times
     instants, stresses = np.array(course).T
 

@@ -25,7 +25,7 @@ def contents(folder):
 
 
 def write_list(folder, *names):
-    """Make a folder whose list of our files has these names."""
+    """Make a folder with a list of our files."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / LIST).write_text("".join(f"{line}\n" for line in ("vemcvx files 1", *names)))
 

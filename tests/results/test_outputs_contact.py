@@ -13,7 +13,7 @@ UNILATERAL = vx.UnilateralContact(on="bottom")
 
 
 def lift(x, t):
-    """Return displacements of the top: down at its left end, up at its right end, with a stretch along x."""
+    """Return displacements that press the left end of the top and lift the right end."""
     return np.column_stack([0.01 * t * (1 + x[:, 0]), 0.02 * t * (x[:, 0] - 0.4)])
 
 
@@ -48,7 +48,7 @@ def test_conic_solutions_are_open_at_the_same_nodes(friction):
 
 
 def test_a_body_that_touches_without_a_force_is_closed():
-    """The body is stretched along the obstacle and does not contract; 0.1 + 0.2 closes the gap 0.3 up to rounding."""
+    """The motion 0.1 + 0.2 closes the gap 0.3 up to rounding."""
 
     def fall(x, t):
         return np.column_stack([t * x[:, 0], np.full(len(x), -(t + 0.2))])

@@ -15,7 +15,7 @@ JOINT = "lower|upper"
 
 @pytest.fixture(scope="module")
 def history():
-    """The upper block is dragged and tilts: contact sticks, slips and opens."""
+    """The upper block is dragged and tilts. Contact sticks, slips and opens."""
     scene = vx.Scene(
         vx.Elasticity(10.0, 0.3),
         vx.Clamp(on="lower.bottom"),

@@ -1,4 +1,4 @@
-"""Values at points and along lines: u_h where it is known, Pi u_h inside cells, and no values outside the body."""
+"""Values at points and along lines."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def draw_points(n, seed=0):
 
 
 def make_comb():
-    """Return a mesh of two cells: a comb of twelve corners with two slots, and a square on its middle tooth."""
+    """Return a mesh of a comb-shaped cell with two slots, and a square on the middle tooth."""
     outline = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]
     return vx.PolygonMesh(np.array([*outline, [3, 4], [2, 4]], dtype=float), [list(range(12)), [7, 6, 12, 13]])
 
 
 def winding_number(corners, x):
-    """Compute how often a polygon winds around x, from the angles that its sides subtend at x."""
+    """Return how often a polygon winds around x."""
     to = corners - x
     angle = np.arctan2(to[:, 1], to[:, 0])
     step = np.diff(np.append(angle, angle[0]))
@@ -80,7 +80,7 @@ def test_values_inside_cells_are_those_of_the_projection(family):
     found = locate(mesh, x)
     for i, cell, value in zip(found.points, found.cells, history.probe(x).transpose(1, 0, 2), strict=True):
         corners = mesh.points[mesh.cells[cell]]
-        # Pi u is linear; its values at the vertices determine it.
+        # Values at vertices determine the linear function Pi u.
         cell_alone = CellGroup(np.arange(1), np.arange(len(corners))[None], corners)
         at_vertices = cell_alone.vertex_values()[0] @ history.displacement[-1, mesh.cells[cell]]
         base = np.column_stack([np.ones(len(corners)), corners])
@@ -123,6 +123,6 @@ def test_values_along_a_line_are_those_of_its_cells(field):
     row = row[np.argsort(history.mesh.centroids[row, 0])]
     for at, step in enumerate(history.stored):
         cells = getattr(history, field)(step)[row]
-        # The value on an edge is the mean of its two cells.
+        # On an edge, the value is the mean of both cells.
         wanted = np.concatenate([cells[:1], 0.5 * (cells[1:] + cells[:-1]), cells[-1:]])
         assert values[at] == pytest.approx(wanted, abs=1e-14 * np.abs(cells).max())

@@ -12,7 +12,7 @@ from vemcvx.scene import pose_scene
 TIMES = np.linspace(0.0, 1.0, 25)
 STEEL = vx.Elasticity(200.0, 0.3)
 ROUNDED = 1e-13
-"""Largest relative difference of sums of 250 positive numbers that are added in different orders."""
+"""Relative rounding error of sums of 250 positive numbers."""
 
 
 def pull_sideways(x, t):
@@ -53,7 +53,6 @@ def total_wear(history):
 
 @mostly_long("name", SCENES, "two normals")
 def test_wear_is_the_sum_of_weights_times_slips_and_adds_up_to_the_dissipation(name):
-    """The test computes slips from nodal displacements, also at nodes on moving supports."""
     scene, mesh = SCENES[name], small("voronoi", 5)
     history = vx.simulate(scene, mesh, TIMES)
     assert total_wear(history) == pytest.approx(history.dissipated, abs=ROUNDED * history.dissipated[-1])

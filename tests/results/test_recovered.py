@@ -17,7 +17,7 @@ COULOMB = (vx.CoulombFriction(0.3, on="lower|upper"),)
 
 
 def run_joint(families, counts, friction=(), shear=0.0):
-    """Press one block on another by a load that is not uniform; return contact, and the order of its nodes along x."""
+    """Press one block on another; return contact, and the order of contact nodes along x."""
 
     def top(x, t):
         return np.column_stack([np.full(len(x), shear * t), -t * (1 + 0.5 * np.cos(np.pi * x[:, 0] / 2))])
@@ -76,7 +76,7 @@ def test_recovered_pressure_has_no_ripple(families, friction, bound):
 
 @pytest.mark.long
 def test_the_pressure_of_hertz_is_smoothed_at_the_edge_of_contact_only():
-    """The error is below 2 % of the peak, except in four cells at the edge of contact; in L2 it tends to zero."""
+    """The error is below 2 % of the peak, except in four cells at the edge of contact."""
     errors = []
     for n in (8, 16, 32):
         history = vx.simulate(cylinders.scene(), cylinders.mesh(n), [0.0, 1.0])
@@ -105,7 +105,7 @@ def test_only_meshes_that_do_not_match_are_averaged(counts):
 
 
 def stack_bodies(angle):
-    """Return a Voronoi body on a larger body: in the plane if `angle` is None, else in space and rotated."""
+    """Return a Voronoi body on a larger body, in the plane or (with `angle`) in space."""
     if angle is None:
         lower = vx.meshes.triangles(6, box=((-1, 2), (-1, 0)))
         return vx.meshes.bodies({"lower": lower, "upper": small("voronoi", 8, box=((0, 1), (0, 1)))})
@@ -119,7 +119,7 @@ def stack_bodies(angle):
 @pytest.mark.long
 @pytest.mark.parametrize(("closed_below", "angle"), [(2.0, None), (0.6, None), (0.6, 0.3)])
 def test_averages_keep_constants_resultants_and_signs(closed_below, angle):
-    """Contact is closed where x_1 < `closed_below`; nodal forces of the pressure 1, and random forces, are averaged."""
+    """Contact is closed where x_1 < `closed_below`."""
     mesh = stack_bodies(angle)
     held = vx.Clamp(on=["lower.bottom", "upper.top"])
     surface = pose_scene(vx.Scene(vx.Elasticity(1.0, 0.3), held, vx.UnilateralContact(on="lower|upper")), mesh).surface

@@ -1,4 +1,4 @@
-"""A run warns if and only if its strains are not small; the warning gives the largest strain and its place."""
+"""A run warns of large strains, and names the largest strain and the place."""
 
 import logging
 import re
@@ -18,7 +18,7 @@ def catch_warnings(caplog, run):
 
 @pytest.mark.parametrize("mesh", [vx.meshes.squares(8), vx.meshes.cubes(3)], ids=["plane", "space"])
 def test_a_modulus_in_wrong_units_is_noticed(caplog, mesh):
-    """Under a load of 2 MPa, the strain is .001 with a modulus of 2e3 MPa; with 2 GPa, entered as 2, it is 1."""
+    """The load is 2 MPa. The modulus 2 GPa is entered as 2e3 (in MPa), or wrongly as 2."""
 
     def pull(young):
         load = vx.Traction([2.0] + [0.0] * (mesh.points.shape[1] - 1), on="right")

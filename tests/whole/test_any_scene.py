@@ -1,6 +1,6 @@
 """In random scenes, certificates bound true errors up to rounding, and all exceptions are VemcvxErrors.
 
-A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``judged.run_and_judge`` runs and judges it.
+A failure names the seed. ``any_scene.draw(seed)`` builds the scene, and ``judged.run_and_judge`` judges a run.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *ra
 def judge_all(seeds, most_refused, draw=draw):
     """Judge the scenes of all seeds, and report their faults together.
 
-    At most 5 % of all steps may lack an exact solution. One scene is not counted, the scene with the most steps without
-    an exact solution: its loads can be too small for the reference. In scene 251, for example, loads are about 1e-29.
+    At most 5 % of all steps may lack an exact solution. The worst scene is not counted, because loads can be too small
+    for the reference. In scene 251, for example, loads are about 1e-29.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
     scenes = [drawn for drawn in map(draw, seeds) if drawn is not None]
@@ -82,7 +82,7 @@ def test_the_judge_finds_forces_that_do_not_balance():
 
 
 def test_exact_steps_are_exact():
-    """Displacements are rational in a system of two unknowns x, y: a wall stops x, and friction acts on y."""
+    """A wall stops the unknown x, and friction acts on the unknown y."""
     system = vx.System(
         np.array([[3.0, -1.0], [-1.0, 2.0]]),
         lambda t: np.array([5.0, 1.0]) * t,

@@ -24,7 +24,7 @@ BLOCKS = blocks(EFFECT_PAGE, "python") + blocks(page("howto/own_mesh_family"), "
 NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
 FILES = {name: BLOCKS[i] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["mine.py"]}
 LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()} | {"mine.py": files(SOLVER_PAGE)["test_mine.py"]}
-"""A recipe shows a file in a block that begins with the path; the next block adds the file to the package."""
+"""A recipe shows a file in a block that begins with the path. The next block adds the file to the package."""
 
 
 def test_contributing_lists_packages_in_order():
@@ -40,7 +40,7 @@ def test_the_walks_name_functions_and_classes_of_the_package():
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that adds a recipe's file to the package for one test, and returns the file's definitions."""
+    """Return a function that adds the file of a recipe to the package."""
 
     def make(path):
         name = path.removesuffix(".py").replace("/", ".")
@@ -99,7 +99,7 @@ def test_a_bed_of_springs_is_normal_compliance():
 
 
 def make_suite(code, is_long, **modules):
-    """Return the suite in the code of a test file, with long cases marked; the code may import `modules`."""
+    """Return the suite of a test file, with long cases marked."""
     known = {"np": np, "vx": vx}
     with pytest.MonkeyPatch.context() as patch:
         for name, source in modules.items():
@@ -120,7 +120,7 @@ def test_a_family_of_meshes_in_one_file_and_one_line_passes_the_patch_test(made,
     for name, family in made("vemcvx/meshes/families/bricks.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)
     mesh = vx.meshes.FAMILIES["bricks"](4, box=((0.0, 1.5), (-1.0, 0.0)))
-    # The constructor of PolygonMesh checks the cells; the family does not.
+    # The constructor of PolygonMesh checks the cells.
     assert vx.PolygonMesh(mesh.points, mesh.cells).n_cells == mesh.n_cells == 26
     assert set(mesh.boundaries) == {"left", "right", "bottom", "top", "boundary"}
     assert mesh.areas.sum() == pytest.approx(1.5, rel=1e-14)

@@ -1,4 +1,4 @@
-"""The examples in docstrings of the package: each runs, and prints the output that its docstring shows."""
+"""The examples in docstrings of the package run, and print the output in the docstring."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_docstrings_run(name, tmp_path, monkeypatch):
-    """Examples may use `np` and `vx`, and examples of `vemcvx.plots` a `history`; files go to a temporary folder."""
+    """Examples use `np`, `vx` and (for plots) `history` without a definition."""
     monkeypatch.chdir(tmp_path)
     names = {"np": np, "vx": vx}
     if ".plots." in name:

@@ -13,7 +13,7 @@ TIMES = [0.0, 0.5, 1.0]
 
 
 def reuse_buffer(function):
-    """Return a function with the same values that writes all its results into one array."""
+    """Return a function that writes all results into one array."""
     kept = []
 
     def write(*given):

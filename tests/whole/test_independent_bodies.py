@@ -63,7 +63,7 @@ def support_lowest(rng, soft, other):
 
 
 def load_uppermost(rng, soft, name, other, free):
-    """Return what drives the uppermost body: a motion to and fro or, if `free`, a pressure and a small pull."""
+    """Return a motion to and fro or, if `free`, a pressure and a small pull."""
     down, aside, rate = rng.uniform(0.01, 0.03), rng.uniform(0.005, 0.03), rng.uniform(5, 9)
     if not free:
 
@@ -88,7 +88,7 @@ def load_uppermost(rng, soft, name, other, free):
 
 
 def join(rng, soft, joint, other, *, free, coulomb):
-    """Return one-sided contact and friction; the gap moves unless the uppermost body is free."""
+    """Return one-sided contact and friction."""
     size, rate = (0.0 if free else rng.uniform(0, 0.01)), rng.uniform(3, 9)
 
     def gap(x, y, t):
@@ -106,7 +106,7 @@ def join(rng, soft, joint, other, *, free, coulomb):
 
 
 def contact_forces(result, other):
-    """Return nodal forces (instants, nodes, 2) of contact and friction; at a joint, forces on its first body only."""
+    """Return nodal forces (instants, nodes, 2) of contact and friction, at joints on first bodies."""
     found = np.zeros_like(result.forces)
     for parts, values, sign in (
         ([wall[0] for wall in other.obstacles], result.pressures, -1.0),
@@ -137,7 +137,7 @@ def assert_agreement(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_independent_programs(seed):
-    """In stack 25, fixed-point iteration for Coulomb's law meets bounds that are too small to hold the middle body."""
+    """In stack 25, fixed-point iterations meet friction bounds that cannot hold the middle body."""
     assert_agreement(seed)
 
 

@@ -3,7 +3,7 @@
 On tetrahedra, virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
 the joint exists twice. The weight of a node is a third of the area of its triangles. The lower body is clamped, the
 upper body is moved. The independent program has a moving gap and Tresca's friction. GetFEM has Coulomb's friction
-between nodes; it assembles its own matrix and applies Newton's method to an augmented Lagrangian. The Debian package
+between nodes, and applies Newton's method to an augmented Lagrangian. The Debian package
 python3-getfem may be installed for the system's Python only.
 """
 
@@ -83,7 +83,7 @@ def simulate_blocks(n, contact, steps=TIMES, moved=top):
     upper = vx.meshes.tetrahedra(n, box=((0, 1), (0, 1), (1, 2)))
     mesh = vx.meshes.bodies({"lower": lower, "upper": upper})
     joint = mesh.interfaces["lower|upper"]
-    # Both bodies have the same triangles at the joint: no face is cut, and no node is new.
+    # No face is cut, and no node is new.
     assert mesh.n_nodes == lower.n_nodes + upper.n_nodes
     assert joint.edges.shape == (2 * n**2, 3)
     scene = vx.Scene(

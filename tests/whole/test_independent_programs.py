@@ -149,7 +149,7 @@ def guide_along():
 
 
 def hard_core(mesh):
-    """Yield two materials; the hard one reaches the floor."""
+    """Yield two materials. The hard material reaches the floor."""
     hard = np.abs(np.array(mesh.centroids)[:, 0] - 0.5) < 0.25
     young, poisson = np.where(hard, 2000.0, E), np.where(hard, 0.2, 0.35)
     yield vx.Elasticity(2000.0, 0.2, on="hard"), lambda other: other.isotropic(young, poisson)
@@ -219,7 +219,7 @@ SLOW = ("soft floor", "guided")
 
 
 def sum_at_nodes(rows_of, values, n, per_length=True):
-    """Sum value * direction, or value * direction / length, over the rows of each node; return (instants, n, 2)."""
+    """Return sums (instants, n, 2) of value * direction, divided by lengths if `per_length`."""
     out, column = np.zeros((len(values), n, 2)), 0
     for rows, *_ in rows_of:
         part = values[:, column : column + len(rows.nodes)] / (rows.lengths if per_length else 1.0)

@@ -1,4 +1,4 @@
-"""`messages.txt` has the full sentences of errors: a call in a line, and its error in the lines below.
+"""`messages.txt` has calls and, in the lines below a call, the full sentence of the error.
 
 `python tests/whole/test_messages.py` writes the errors anew below all calls of the file.
 """
@@ -91,7 +91,7 @@ def quote_error(call, known):
 
 
 def read_errors():
-    """Return call -> its error: the lines below the call in the file."""
+    """Return call -> error from the file."""
     parts = {}
     for line in FILE.read_text().splitlines():
         if line in CALLS:

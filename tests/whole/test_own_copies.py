@@ -1,4 +1,4 @@
-"""The package copies its arguments: an array that is changed after a call changes no result."""
+"""The package copies arguments. An array that is changed after a call changes no result."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ RUN = [path for path in PAGES if cells(path.read_text())]
 @pytest.mark.filterwarnings("ignore::vemcvx.base.errors.SceneWarning")
 @pytest.mark.parametrize("path", RUN, ids=name)
 def test_the_cells_of_a_page_run(path, tmp_path, monkeypatch):
-    """The cells run in an empty folder, like on the site; they assert the claims of their page."""
+    """The cells assert the claims of the page."""
     monkeypatch.chdir(tmp_path)
     known = {"__name__": "__main__"}
     for i, cell in enumerate(cells(path.read_text())):
@@ -66,7 +66,7 @@ def test_the_page_of_measurements_has_the_values_of_constants():
 
 @pytest.mark.long
 def test_the_problem_file_runs_as_described(tmp_path):
-    """The pad of the file slips as a whole in the end: friction is the coefficient times the pressure."""
+    """At the end the whole pad slips, so friction is the coefficient times the pressure."""
     text = page("howto/problem_file")
     (tmp_path / "pad.py").write_text(files(text)["pad.py"])
     assert "$ vemcvx run pad.py --n 16" in text

@@ -1,7 +1,7 @@
 """Properties that every problem has, tested on a few random problems, or on more than a thousand with -m slow.
 
-A property is a function in tests/properties; its `strategies` draw its arguments. A test counts the examples that the
-property completed, and fails if there are too few.
+A property is a function in tests/properties. The attribute `strategies` draws the arguments. A test fails if the
+property completes too few examples.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PROPERTIES = (
     histories.ledger_closes,
 )
 SLOW = 1200
-"""Examples of a slow run, of all properties together."""
+"""Number of examples of all properties in a slow run."""
 FEW = 5
 MANY = -(-SLOW // len(PROPERTIES))
 
@@ -41,7 +41,7 @@ def _move_home(tmp_path_factory):
 
 
 def explore(claim, examples):
-    """Test a claim on random examples, the same in every run; return the number of completed examples."""
+    """Test a claim on random examples, and return the number of completed examples."""
     held = 0
 
     @functools.wraps(claim)

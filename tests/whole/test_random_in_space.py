@@ -75,7 +75,7 @@ def draw(seed):
 
 
 def compare(seed):
-    """Return the distance between two solvers' answers, divided by the sum of their certificates, in two steps."""
+    """Return distance of answers / sum of certificates, for two steps."""
     scene, mesh = draw(seed)
     ratios, start = [], None
     for times in ([0.0, 1.0], [1.0, 2.5]):

@@ -162,7 +162,7 @@ def test_pages_are_legible_in_a_browser_and_load_nothing_from_other_hosts(served
                 WebDriverWait(browser, 60, poll_frequency=0.2).until(lambda b: b.execute_script(READY))
                 wide = browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
                 assert wide <= 0, (page, width)
-                if (page, width) == ("index.html", 380):  # the picture keeps its width, and scrolls
+                if (page, width) == ("index.html", 380):  # The wide picture scrolls.
                     assert browser.execute_script("return document.querySelector('img.wide').width") > 600
         browser.get(served + "search.html?q=friction")
         found = "return document.querySelectorAll('#search-results li').length"

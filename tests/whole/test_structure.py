@@ -31,7 +31,7 @@ PACKAGES = (
         "__main__",
     ),
 )
-"""Packages and modules in the order of CONTRIBUTING.md. Each imports only earlier ones and `base`."""
+"""Packages and modules in the order of CONTRIBUTING.md. Each package imports only earlier packages and `base`."""
 APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 """Packages of programs, and packages of meshes. Neither group imports the other group."""
 HEAVY = {
@@ -58,7 +58,7 @@ LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
 LINES |= {"limit_analysis": 406}
 LINES |= {"sensitivity": 825, "cost": 486, "cli": 2_924}
 LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
-"""Largest numbers of lines of folders; a decision to enlarge a folder raises its number."""
+"""Largest numbers of lines of folders."""
 TOP = 1_695
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 18_089
@@ -90,7 +90,7 @@ def nodes(path, kind):
 
 @cache
 def parse(path):
-    """Return all syntax nodes of a file. The garbage collector is off, because it would traverse all nodes in vain."""
+    """Return all syntax nodes of a file."""
     gc.disable()
     found = list(ast.walk(ast.parse(path.read_text())))
     gc.enable()
@@ -98,7 +98,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the modules that a file imports: for types only if `checking`, in functions only if `late`."""
+    """Yield the imported modules, with `checking` also for types, with `late` also in functions."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}
@@ -115,7 +115,7 @@ def list_imports(path, checking=True, late=True):
 
 @cache
 def imports():
-    """Return module -> modules of the package that it imports; for modules in `LATE`, only at the top of their file."""
+    """Return module -> imported modules of the package."""
     found = {name: list_imports(path, name not in LATE, name not in LATE) for name, path in modules().items()}
     return {name: set(others) & set(modules()) - {name} for name, others in found.items()}
 
@@ -196,7 +196,7 @@ def test_tests_keep_their_lines():
 
 
 PRIVATE = re.compile(r"^from vemcvx\S* import (?:\w+, )*_[a-z]|^    _\w+,$", re.MULTILINE)
-"""An import of a private name, in a line with `from` or as a line of a longer import."""
+"""Pattern of imports of private names."""
 
 
 def test_tests_outside_tests_unit_import_no_private_names():

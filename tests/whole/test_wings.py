@@ -1,6 +1,6 @@
 """The core runs without its wings, and the wings import public names of the core.
 
-The wings are bounds, estimates, costs, exchange of programs, plots and the command line; all else is the core.
+The wings are bounds, estimates, costs, exchange of programs, plots and the command line. All else is the core.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OPEN = (
     *("base", "history", "simulation", "meshes.polygons", "results.files", "stepping.course"),
     *("vem.elasticity", "vem.points_in_solids", "vem.projection", "vem.stabilisation", "vem.tensors"),
 )
-"""Modules in which every name without a leading underscore is public; packages list public names in `__all__`."""
+"""Modules in which every name without a leading underscore is public."""
 EXCEPTIONS = {
     "effects": "data",
     "effects.effect": "amount where",
@@ -38,7 +38,7 @@ EXCEPTIONS = {
     "solvers.default": "BY_SIZE name_features",
     "solvers.solver": "ScaledSolver name_failures",
 }
-"""Names that wings import although they are not public: this list may shrink, but not grow."""
+"""Private names that wings import. The list may shrink, but not grow."""
 
 
 def is_wing(name):
@@ -55,7 +55,7 @@ def list_public_names(module):
 
 
 def list_private_imports(path):
-    """Yield the private names of the core that a file imports; names are without the prefix `vemcvx.`."""
+    """Yield the private names of the core that a file imports, without `vemcvx.`."""
     for node in nodes(path, ast.ImportFrom):
         if not node.module.startswith("vemcvx.") or is_wing(node.module):
             continue
@@ -74,7 +74,7 @@ def test_wings_import_public_names_of_the_core():
 
 
 def test_the_core_imports_a_wing_in_one_function_only():
-    """`simulate(bound=True)` imports a wing when it is called; `python -m vemcvx` is the command line."""
+    """Only `simulate(bound=True)` and `python -m vemcvx` import wings."""
     doors = {
         (name, node.module)
         for name, path in modules().items()

@@ -1,6 +1,6 @@
 """Arguments of a wrong kind raise errors that name the argument, and damaged files raise errors with a sentence.
 
-Every parameter of every public callable receives the values of `WRONG`, including callables that are added later.
+Every parameter of every public callable receives the values of `WRONG`.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def load(t):
 
 
 def run(made):
-    """Simulate a scene that has this effect in place of another effect of its kind."""
+    """Simulate a scene with the effect `made`."""
     beside = {
         vx.TrescaFriction: (HELD, GRIPPED[0]),
         vx.CoulombFriction: (HELD, vx.UnilateralContact("bottom")),
@@ -177,7 +177,7 @@ CALLABLES = (
 
 
 def use(called, made):
-    """Use the result of a callable in a run, because some arguments of the callable are checked only there."""
+    """Use the result of a callable in a run."""
     if called in USES:
         USES[called](made)
     elif isinstance(made, vx.Effect):
@@ -205,7 +205,7 @@ def list_places():
 
 PLACES = dict(list_places())
 EVERY = len(WRONG)
-"""Stride through `WRONG` in the default tests: each parameter receives one value, the next parameter the next value."""
+"""Stride through `WRONG` that passes one value to each parameter."""
 
 
 @pytest.mark.long
@@ -219,7 +219,7 @@ def test_the_arguments_in_given_are_valid():
 def check_place(place, every):
     called, given, parameter = PLACES[place]
     for name in list(WRONG)[list(PLACES).index(place) % every :: every]:
-        # An infinite weight in `Norms` is valid: its term always sticks.
+        # An infinite weight in `Norms` is valid.
         if (name in FUNCTIONS and place in ANY_FUNCTION) or (name, place) == ("infinity", "Norms.w"):
             continue
         try:
@@ -274,7 +274,7 @@ def write_files(folder):
 @pytest.mark.parametrize("count", [pytest.param(10, marks=pytest.mark.long), pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["history", "program", "mesh"])
 def test_damaged_files_are_read_or_raise_errors_with_a_sentence(kind, count, tmp_path):
-    """Another process reads the files: no file crashes it, makes it hang or fills the memory."""
+    """Another process reads the files. It must not crash, hang or fill the memory."""
     rng, paths = np.random.default_rng(count), []
     for valid in write_files(tmp_path)[kind]:
         for k in range(count):

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Import typer only for commands: other modules of this folder do not need it.
+# Only commands import typer.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs={"commands": ["app", "main"]})

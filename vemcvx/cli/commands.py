@@ -36,7 +36,7 @@ KINDS = {
 
 
 class Commands(TyperGroup):
-    """The commands of the program, each made at its first use."""
+    """The commands of the program, made at first use."""
 
     def __init__(self, **given: Any):
         super().__init__(**given)
@@ -51,7 +51,7 @@ class Commands(TyperGroup):
 
 
 def make_command(name: str, kind: type[Any]) -> Any:
-    """Return the command of a class, with short reports of errors."""
+    """Return the command of a class."""
 
     def command(**given: Any) -> None:
         with report_errors():

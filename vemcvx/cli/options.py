@@ -15,5 +15,5 @@ N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16
 FineN = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space or with --target)")]
 Condense = Annotated[bool, typer.Option(help="Solve for the contact unknowns only, or for all.")]
 Settings = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
-SolverName = Annotated[str, typer.Option(help="newton, clarabel, osqp, direct, one of cvxpy, or FILE.py:CLASS.")]
+SolverName = Annotated[str, typer.Option(help="newton, clarabel, osqp, direct, a cvxpy solver, or FILE.py:CLASS.")]
 NONE: Any = ()  # The default of options that may be repeated.

@@ -227,7 +227,7 @@ class Problem:
 
     @property
     def units(self) -> dict[str, str] | None:
-        """The names of units of the data, if the file defines UNITS."""
+        """The names of units, if the file defines UNITS."""
         return dict(check_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS")) or None
 
     def _signature(self, part: str = "") -> Mapping[str, inspect.Parameter]:

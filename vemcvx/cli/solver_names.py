@@ -18,7 +18,7 @@ NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp"
 
 
 def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
-    """Return the solver with a name."""
+    """Return the solver called `name`."""
     if ":" in name:
         made = load_from_file(name, option, "solver", "solve(program, target)", _solves)
         solver: Solver = run_user_code(Path(name.rpartition(":")[0]), name, lambda: as_solver(made))
@@ -58,7 +58,7 @@ def _factorises(kind: type) -> bool:
 
 
 def make_linear_solver(name: str | None) -> LinearSolver | None:
-    """Return the linear solver with a name, or None."""
+    """Return the linear solver called `name`, or None."""
     if name is None:
         return None
     if ":" in name:

@@ -92,7 +92,7 @@ def _size(points: ArrayLike) -> float:
 
 
 def size_of_page(history: Results) -> tuple[float, float]:
-    """Return the width and height, in inches, of a page for the body and its title."""
+    """Return the width and height of a page in inches."""
     if isinstance(history.mesh, PolyhedralMesh):
         return canvas.usual_page()
     width, height = np.ptp(history.mesh.points, axis=0)
@@ -196,7 +196,7 @@ def _draw(ax: Axes, at: tuple[Results, int], field: _Field, view: _View, marks: 
     beyond = canvas.find_pointed_ends(np.concatenate([found[seen] for found in field.values]), look["clim"])
     canvas.bar_beside(ax, ax.collections[0], beyond).set_label(field.label, fontsize="small")
     for signs in view.images:
-        # Checks would refuse the coinciding nodes of bodies in contact.
+        # The checks of `PolygonMesh` refuse coinciding nodes.
         image = PolygonMesh.unchecked(places * signs, mesh.offsets, mesh.vertices)
         image.plot(ax=ax, linewidth=0, antialiased=False, **look)
     touching = _outline_closed(history, row, places)
@@ -277,7 +277,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
     sizes = np.linalg.norm(every[:, seen], axis=2)
     if not sizes.any() or view.forces == "none":
         return 0.0, 0.0
-    # Forces at corners are unbounded.
+    # Forces at corners are unbounded, so long arrows are cut.
     loaded = [row[row > 1e-6 * sizes.max()] for row in sizes]
     cut = min(float(sizes.max()), 1.5 * max(float(np.quantile(row, 0.9)) for row in loaded if len(row)))
     order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]

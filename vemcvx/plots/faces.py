@@ -1,4 +1,4 @@
-"""Faces of contact in space, each seen along the mean of its normals.
+"""Faces of contact in space, seen along the mean normal.
 
 In each adjacent face, a node owns the quadrilateral of the node, two midpoints of edges, and the centroid.
 """
@@ -121,7 +121,7 @@ def contact_face(
     window: Window | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the faces of contact of bodies in space at a stored step, each seen along its normal.
+    """Draw the faces of contact in space at a stored step, seen along the mean normal.
 
     Parameters
     ----------

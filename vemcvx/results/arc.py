@@ -1,7 +1,7 @@
 """The arc length s along the contact boundary of plane bodies.
 
-It grows counter-clockwise round bodies, and clockwise round holes. On each piece of the contact boundary, s is 0 at the
-first node. A closed piece begins at the contact node with the lowest number.
+The arc length grows counter-clockwise round bodies, and clockwise round holes. On each piece of the contact boundary,
+s is 0 at the first node. A closed piece begins at the contact node with the lowest number.
 """
 
 from __future__ import annotations

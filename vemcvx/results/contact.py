@@ -1,6 +1,6 @@
 """The contact boundary over time.
 
-Let u be the displacement of a contact node relative to the partner, and n the normal. The slip is (I - n n') u minus
+Let u be the displacement of a contact node relative to the other body, and n the normal. The slip is (I - n n') u minus
 the motion of the ground. Let phi be the hat function of the node. The pressure is the normal force divided by the
 integral of phi over contact edges. The traction is the friction force divided by the integral of phi over edges with
 friction. The worn depth is proportional to wear (Archard 1953). In one-sided contact, let p be the contact force, z the
@@ -46,7 +46,7 @@ class Contact(ArrayRecord):
     bound : (S, m)
         Friction bound per length; 0 without friction.
     pressure : (S, m)
-        Normal contact force per length, compression positive; of either sign in bilateral and cohesive contact.
+        Normal contact force per length; compression is positive.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
         Traction and pressure to quote and draw. On interfaces of meshes that do not match, they are averaged over 1.5
         cells (:mod:`vemcvx.results.contact_tiles`).
@@ -55,7 +55,7 @@ class Contact(ArrayRecord):
     wear : (S, m)
         Friction work since the initial instant, per length. The total work is ``wear @ friction_lengths``.
     accumulated_slip : (S, m)
-        Length of the path of the slip since the initial instant.
+        Length of the slip path since the initial instant.
     closed : (S, m) bool
         True where the node touches an obstacle, and at nodes without obstacles.
     lengths, friction_lengths : (m,)
@@ -89,12 +89,12 @@ class Contact(ArrayRecord):
     friction_lengths: Annotated[Floats, "m", "length"]
 
     def take(self, nodes: Ints) -> Contact:
-        """Return the contact at some nodes, by position in `self.nodes`."""
+        """Return the contact at some positions in `self.nodes`."""
         sizes = {name: of.sizes for name, of in array_fields(Contact).items()}
         return Contact(**{name: getattr(self, name).take(nodes, axis=sizes[name].index("m")) for name in sizes})
 
     def rows_of(self, rows: ContactRows) -> Ints:
-        """Return the positions of the node pairs of `rows`, with -1 for missing pairs."""
+        """Return the position of each row in `self.nodes`, -1 for missing rows."""
         largest = int(max(self.partners.max(initial=0), self.nodes.max(initial=0), rows.nodes.max(initial=0)))
         each = ((one.nodes, one.partners) for one in (self, rows))
         return find_in(*(pair_numbers(np.maximum(*pair), np.minimum(*pair), largest) for pair in each))
@@ -116,7 +116,7 @@ class Contact(ArrayRecord):
 
     @property
     def open_count(self) -> Ints:
-        """The number (S,) of nodes that do not touch their obstacle."""
+        """The number (S,) of nodes that are not closed."""
         return (~self.closed).sum(axis=1)
 
 
@@ -196,7 +196,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
     closed = closed & mixed
     whole = ContactTiles.from_rows(surface, np.arange(len(surface)), surface, mesh)
     smooth = whole.average(pressure * surface.lengths, surface.lengths, closed)
-    # Tractions with given directions refer to other lengths.
+    # Friction with prescribed directions is not averaged.
     if len(terms) == 0 or terms.directed.any():
         return traction, smooth
     length = totals(at, terms.lengths, len(surface))
@@ -217,7 +217,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats:
     terms, weights = posed.terms, trajectory.weights
-    # Friction with given directions counts only at nodes without other friction.
+    # Friction with prescribed directions counts only at nodes without other friction.
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     return _per_length(weights, at, length)

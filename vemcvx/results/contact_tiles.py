@@ -9,8 +9,8 @@ nodes,
 Here h_i is the largest length of a cell at x_i on the interface (in space, the square root of an area). If the normals
 at i and j differ by `CURVE_ANGLE` or more, or closed contact does not connect i and j, k_ij is 0. The factors d_i make
 K |phi| = 1, so that constants are exact (Sinkhorn and Knopp, Pacific J. Math. 21 (1967)). K is symmetric, so
-sum |phi_i| p_i = sum R_i on each piece of closed contact. No entry of K is negative, so compression
-remains compression. Nodes at corners of the interface keep R_i / |phi_i|.
+sum |phi_i| p_i = sum R_i on each piece of closed contact. No entry of K is negative, so compression remains
+compression. Nodes at corners of the interface keep R_i / |phi_i|.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vemcvx.scene.contact import Surface
 from vemcvx.scene.rows import ContactRows, pair_numbers
 from vemcvx.vem.boundary import CURVE_ANGLE
 
-CELLS = 1.5  # Radius of the means in units of h
+CELLS = 1.5  # radius of the means in units of h_i
 
 
 @dataclass(frozen=True, eq=False)

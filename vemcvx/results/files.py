@@ -6,7 +6,7 @@
 - ``steps.csv``: energies and certificates of every step, stored or not
 - ``contact.csv``: slip, traction, pressure ... at every contact node in every stored step; for plane bodies also the
   piece of contact and the arc length (:mod:`vemcvx.results.arc`)
-- ``history.npz``: the arrays of the history and its mesh without loss, and other data as JSON in the array `about`;
+- ``history.npz``: the arrays of history and mesh without loss, and other data as JSON in the array `about`;
   :func:`vemcvx.read_history` reads only this file
 
 In a VTU file, nodes have displacements and contact arrays, and cells have the fields of `History.on_cells`. At nodes
@@ -152,7 +152,7 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> Mesh:
 
 @dataclass(frozen=True)
 class Origin:
-    """The origin of a history: problem, parameters and options."""
+    """The problem and the mesh of a history."""
 
     problem: str = "unnamed"
     family: str | None = None  # The family of meshes, or the mesh file.
@@ -217,7 +217,7 @@ def finite_or_none(value: float | None) -> float | None:
 
 
 def peak_memory_mb() -> float | None:
-    """Return the peak memory of this process in MB, None except on Linux."""
+    """Return the peak memory of this process in MB on Linux, else None."""
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
             return int(found.group(1)) / 1024

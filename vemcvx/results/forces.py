@@ -40,7 +40,7 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Placeholders for a side: NOWHERE at nodes without a side, ACROSS at nodes of second bodies."""
+"""Placeholders for a side: NOWHERE at nodes without a side, ACROSS on second bodies of interfaces."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -295,7 +295,7 @@ class ActingForces:
 
     @cached_property
     def resultants(self) -> dict[str, Floats]:
-        """The nonzero forces (S, dim) on named boundaries, by words such as "reaction of right"."""
+        """The nonzero forces (S, dim) on named boundaries, by names such as "reaction of right"."""
         acting, found = self.acting, {}
         for name, sides in self.mesh.boundaries.items():
             if name == "boundary" or not len(sides):

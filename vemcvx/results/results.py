@@ -57,7 +57,7 @@ class Results(ActingForces):
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
-    growth: dict[str, str] | None = None  # key of an extreme -> growth on the meshes of an adaptive run
+    growth: dict[str, str] | None = None  # key of an extreme -> growth in words
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
@@ -102,8 +102,7 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        `dissipated` is accurate to first order only. With dashpots, or if slip changes direction in space, both are
-        accurate to first order.
+        The order is one with dashpots, or if slip changes direction in space.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -129,7 +128,7 @@ class Results(ActingForces):
 
     @property
     def certified(self) -> Floats:
-        """The sum (S,) of `certificate` and `certificate_floor`: a bound with rounding."""
+        """The sum (S,) of `certificate` and `certificate_floor`."""
         return self.trajectory.certified[self.stored]
 
     @property
@@ -267,7 +266,7 @@ class Results(ActingForces):
         return stored.index(wanted)
 
 
-ALIKE = 0.99  # Fraction of the largest value above which a value counts as equally large
+ALIKE = 0.99  # Values above this fraction of the largest value count as largest.
 
 
 def last_of_largest(sizes: ArrayLike) -> int:

@@ -67,7 +67,7 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
 }
 """Solver in cvxpy -> names of tolerances, limit of iterations, smallest accepted tolerance."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # name in cvxpy -> different name of the package
-REPEATS, LONG_ENOUGH = 5, 0.1  # largest number of timed calls, and seconds after which no call begins
+REPEATS, LONG_ENOUGH = 5, 0.1  # largest number of timed calls, and seconds after which no further call begins
 BATCH = 10  # number of instances per process
 MEAN_SHIFT = 0.01  # shift of the geometric mean, seconds
 TABLE, WORDS, PROFILES = "trials.csv", "benchmark.txt", "profiles.png"

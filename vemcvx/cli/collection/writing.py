@@ -46,7 +46,7 @@ INFEASIBLE, UNBOUNDED = "infeasible", "unbounded"
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionInstance:
-    """One step, or a sequence of steps, of a run of a problem file."""
+    """One step, or a sequence of steps, from a run."""
 
     grade: str
     problem: str  # name of the problem file
@@ -69,7 +69,7 @@ class CollectionInstance:
 
     @property
     def run(self) -> tuple[str, int, int, tuple[str, ...]]:
-        """The problem, the argument n of its mesh, the number of steps, and the settings."""
+        """The problem, the argument n of `mesh`, the number of steps, and the settings."""
         return self.problem, self.n, self.of, self.settings
 
 

@@ -62,7 +62,7 @@ class Body:
         return u
 
     def stresses(self, *components):
-        """Return these stress components once per cell."""
+        """Return the stress components for all cells."""
         return np.tile(components, (self.mesh.n_cells, 1))
 
 
@@ -92,7 +92,7 @@ def assert_close(found, exact):
 
 
 def test_patch_with_mixed_conditions(body):
-    """Supports prescribe a linear displacement on one side, and one component on two sides. Tractions act elsewhere."""
+    """Supports prescribe all components on one side, and one component on two sides."""
     d = body.dim
     slope = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])[:d, :d] * 1e-2
     strain = 0.5 * (slope + slope.T)

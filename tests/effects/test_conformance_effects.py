@@ -247,7 +247,7 @@ OF_PROBLEMS = {
 
 
 ONE_OF_EACH_KIND = "Elasticity", "Traction", "UnilateralContact", "CoulombFriction"
-"""The effects that are tested by default: a material, a load, a contact and a friction."""
+"""The effects that are tested by default."""
 SLOW = "each_of_its_settings", "its_place_in_the_scene", "refuses_nan_and_infinity"
 """Ends of the names of slow tests. By default, each slow test runs for one effect."""
 test_effects = long_cases(

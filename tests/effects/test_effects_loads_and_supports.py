@@ -106,7 +106,7 @@ def test_springs_hold_only_the_motions_that_stretch_them():
 
 @pytest.mark.long
 def test_loads_and_strains_act_in_their_own_cells_only():
-    """One of two bars is loaded, heated or prestressed; the other bar does not move."""
+    """One of two bars is loaded, heated or prestressed. The other bar does not move."""
     bars = {name: vx.meshes.voronoi((2, 4), box=((x, x + 1), (0, 2)), seed=1) for name, x in (("one", 0), ("two", 2))}
     mesh = vx.meshes.bodies(bars)
     held = (

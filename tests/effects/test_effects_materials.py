@@ -1,4 +1,4 @@
-"""Materials of regions, and Orthotropic in the plane: closed forms, and no locking."""
+"""Materials of parts of a body, and Orthotropic in the plane."""
 
 import dataclasses
 

@@ -39,7 +39,7 @@ def joint(**of):
 
 @pytest.mark.parametrize(("solver", "near"), [(None, 1e-12), pytest.param(vx.Clarabel(), 1e-5, marks=pytest.mark.long)])
 def test_the_bolt_follows_the_joint_diagram(solver, near):
-    """The bolt bears its tension plus a quarter of the pull. When the joint is open, it bears the whole pull."""
+    """The bolt bears the tension plus a quarter of the pull. In an open joint, the bolt bears the whole pull."""
     history = joint(solver=solver)
     wanted = np.maximum(TENSION * np.minimum(TIMES, 1.0) + PULL * BOLT / (BOLT + SLEEVE), PULL)
     for cause in ("shank|head", vx.Pretension):

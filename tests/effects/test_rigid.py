@@ -10,7 +10,7 @@ BLOCK = vx.meshes.squares((8, 4), box=((0, 2), (0, 1)))
 
 
 def pressed(n):
-    """Return the mesh of a block under a tool of n x n cells, with its clamp and contact."""
+    """Return a mesh of a block under a tool of n x n cells, a clamp and a contact."""
     box = (0.25, 0.75), (1, 1.5)
     parts = {"low": vx.meshes.squares(8, box=((0, 1), (0, 1))), "tool": vx.meshes.squares(n, box=box)}
     return vx.meshes.bodies(parts), vx.Clamp(on="low.bottom"), vx.UnilateralContact(on="low|tool")
@@ -29,7 +29,6 @@ def test_a_bar_with_a_rigid_end_stretches_uniformly():
 
 @pytest.mark.parametrize("point", [(1.3, 0.0), (41.0, 7.0)])
 def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
-    """The plate sinks by F / (k L) and turns by 12 (M - e F) / (k L^3), for a force F at eccentricity e."""
     k, F, M = 50.0, 4.0, 0.3
     at = np.array(point)
     rigid = vx.Rigid(on="bottom", at=point, force=(0.0, -F), moment=M)
@@ -44,7 +43,7 @@ def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
 def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
     """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)) under a punch of half width a, with the force P at x = e.
 
-    So P / 3 acts on abs(x) < a / 2, and (1/2 + 2 e / (pi a)) P acts on x > 0.
+    The force P / 3 acts on abs(x) < a / 2, and (1/2 + 2 e / (pi a)) P acts on x > 0.
     """
     below, tool = vx.meshes.squares((16 * n, 8 * n), box=((-8, 8), (-8, 0))), ((-1, 1), (0, 1))
     mesh = vx.meshes.bodies({"low": below, "tool": vx.meshes.squares((2 * n, 1), box=tool)})

@@ -159,7 +159,7 @@ def test_clarabel_solves_cbf_files_through_an_independent_reader(tmp_path, name,
     kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    # Clarabel has the cone constraint b - A x. CBF has the cone constraint A x + b.
+    # Clarabel constrains b - A x to cones. CBF constrains A x + b to cones.
     zero, kinds = sp.csc_matrix((len(cost),) * 2), [kinds[kind](size) for kind, size in cones]
     found = clarabel.DefaultSolver(zero, cost, sp.csc_matrix(-A), b, kinds, settings).solve()
     assert str(found.status) == "Solved"

@@ -52,7 +52,7 @@ def linear(history, name):
 
 
 def opening(history, name):
-    """Return the relative displacements of the lips along x and along y."""
+    """Return the relative displacements of the crack faces along x and y."""
     contact, u = history.contact, history.displacement[AT[name]]
     return (u[contact.partners] - u[contact.nodes]).T
 

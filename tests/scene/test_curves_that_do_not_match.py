@@ -1,4 +1,4 @@
-"""Two bodies meet along a curve with different nodes: contact uses the normals of the curve."""
+"""Contact along a curve between meshes that do not match."""
 
 import numpy as np
 import pytest

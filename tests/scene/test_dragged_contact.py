@@ -14,7 +14,7 @@ TIMES = np.linspace(0.0, 1.0, 13)
 
 
 def course(t):
-    """Return the displacement at t: forward, a halt, back, a halt, forward."""
+    """Return the displacement of the support at t."""
     return np.interp(t, [0, 0.25, 0.5, 0.75, 0.9, 1], [0, 0.2, 0.2, -0.1, -0.1, 0.2])
 
 
@@ -26,9 +26,9 @@ def drag(direction):
 
 
 def ledger_rest(history):
-    """Return the rest of the energy balance, which is zero.
+    """Return the residual of the energy balance.
 
-    The rest is work - energy - dissipation - sum (du'A du / 2 + p . dz), summed over steps. A is the stiffness. The
+    The residual is work - energy - dissipation - sum (du'A du / 2 + p . dz), summed over steps. A is the stiffness. The
     increments of displacements and normal displacements are du and dz. The contact forces are p.
     """
     posed = pose_scene(history.scene, history.mesh)

@@ -104,7 +104,7 @@ def test_constant_stress_passes_an_interface_in_space(family, kind):
     [(2, False), pytest.param(1, True, marks=pytest.mark.long)],
 )
 def test_constant_stress_passes_where_blocks_meet_at_an_edge_or_a_point(layers, friction):
-    """At the common corner of eight blocks, twelve pairs of blocks join eight nodes, and forces are not unique."""
+    """At the common corner of eight blocks, contact forces are not unique."""
     corners = list(itertools.product((0, 1), (0, 1), range(layers)))
     kinds = zip(corners, itertools.cycle(SPACE[:4]), itertools.cycle((2, 1, 3)), strict=False)
     mesh = bodies(

@@ -1,4 +1,4 @@
-"""Errors name floating bodies. A body that contact with another body holds causes no warning."""
+"""Errors name floating bodies. Contact with another body counts as a support."""
 
 import logging
 import re
@@ -40,7 +40,6 @@ def test_rotations_are_named_by_their_axes():
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 def test_a_refusal_names_the_direction_of_the_load():
-    """For a load to the left, the message names a translation to the left."""
     rubs = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom")
     scene = vx.Scene(STEEL, *rubs, vx.Traction(lambda x, t: np.tile((-0.5 * t, 0.0), (len(x), 1)), on="top"))
     motion = re.escape("against the translation (-1, 0) of the body. The load pushes it in")

@@ -1,4 +1,4 @@
-"""Supports hold displacements exactly, in any direction, and beside contact and other supports."""
+"""Supports hold displacements exactly."""
 
 import numpy as np
 import pytest
@@ -92,7 +92,7 @@ def test_one_component_is_prescribed_and_the_other_is_free(direction, unit, degr
 @mostly_long("degrees", [0.0, 30.0], 1)
 @pytest.mark.parametrize("surface", ["contact", "part of the contact", "no contact"])
 def test_every_friction_term_has_one_unknown(family, degrees, surface):
-    """If each friction term reads one unknown, sticking is exact, also on an incline."""
+    """Sticking is exact if each friction term has one unknown."""
     R = rotation(np.radians(degrees))
     mesh = moved(small(family, 4), R)
     # The normals of a part and of the whole side differ by rounding.

@@ -1,4 +1,4 @@
-"""Derivatives of random scenes equal central differences of certified runs, and the adjoint equals the forward sweep.
+"""Derivatives of random scenes equal central differences. Forward and adjoint sweeps agree.
 
 The step of the central differences is 1e-4 times the parameter. The truncation error is about 1e-8 of the largest
 derivative, and the accuracy 1e-12 of the runs adds about 1e-8. The comparison ends before the first step in which

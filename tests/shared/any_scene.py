@@ -39,7 +39,7 @@ class Drawn:
 
     @property
     def words(self):
-        """A description of the scene, with the seed that rebuilds it."""
+        """A description of the scene."""
         effects = "; ".join(effect.describe() for effect in self.effects)
         return (
             f"any_scene.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, {self.solver!r}, "

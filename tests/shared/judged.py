@@ -18,9 +18,9 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""We assume that K, scaled and with anchors (:mod:`vemcvx.program.kernel`), has no eigenvalue below 1 / ANCHORED."""
+"""We assume that the scaled K with anchors (:mod:`vemcvx.program.kernel`) has eigenvalues >= 1 / ANCHORED."""
 CONSISTENT = 1e-11
-"""Allowed deviation of weights from the friction law, relative to the largest force: Newton's tolerance of a step."""
+"""Allowed deviation of weights from the friction law, relative to the largest force."""
 EXACT = 2.0**-160
 """Relative error of exact distances, which are roots of energies computed with 512 bits."""
 UPPER = 1 + 1e-9
@@ -255,7 +255,7 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
         # Rounding errors of a state change its energy and its work.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
-        # Energy and work of a step contain the solutions of four linear systems, two at each of two instants.
+        # Energy and work of a step contain the errors of four linear solves.
         left += 2 * (unsolved(float(t.times[n])) + unsolved(float(t.times[n - 1]))) * size_of_states
         force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
         blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()

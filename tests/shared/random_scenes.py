@@ -14,7 +14,7 @@ import vemcvx as vx
 
 
 def random_scene(seed):
-    """Return a scene, and the instant at which the load reverses, or 1."""
+    """Return a scene, and the instant at which the load reverses (1 for monotone loads)."""
     rng = np.random.default_rng(seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
     push, lift, bound, press = young * rng.uniform([0.01, -0.01, 0.002, 0.005], [0.06, 0.01, 0.04, 0.03])

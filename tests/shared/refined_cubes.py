@@ -10,7 +10,7 @@ import vemcvx as vx
 
 
 def refined_cubes(n, cut=(0,), scale=1.0):
-    """Return a mesh of n x n x n cubes of width 2 * scale; cubes with the numbers `cut` are split into eight."""
+    """Return a mesh of n x n x n cubes of width 2 * scale. Cubes with the numbers `cut` are split into eight."""
     boxes = []
     for number, corner in enumerate(product(range(0, 2 * n, 2), repeat=3)):
         parts = product(range(2), repeat=3) if number in cut else [(0, 0, 0)]

@@ -1,4 +1,4 @@
-"""Check that meshes are equal bit by bit, measure parts of the boundary, and check interfaces."""
+"""Checks of meshes, boundaries and interfaces."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def measure_part(mesh, name):
 
 
 def assert_matched(mesh):
-    """Check that both sides of each interface coincide and belong to its bodies, and that the mesh is valid."""
+    """Check the interfaces and the validity of a mesh."""
     for found in mesh.interfaces.values():
         there = found.edges >= 0
         np.testing.assert_array_equal(mesh.points[found.edges[there]], mesh.points[found.partners[there]])

@@ -36,7 +36,7 @@ def for_all(**strategies):
 
 @st.composite
 def meshes(draw):
-    """Draw meshes of the unit square with a few cells: mostly Voronoi cells, sometimes another family."""
+    """Draw meshes of the unit square with a few cells."""
     family = draw(st.sampled_from(("voronoi",) * 4 + FAMILIES))
     return vx.meshes.FAMILIES[family](draw(st.integers(2, 5 if family == "voronoi" else 3)), seed=draw(SEEDS))
 

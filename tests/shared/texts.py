@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 SITE = ROOT / "docs"
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 PAGES = sorted({*SITE.rglob("*.md")} - {SITE / "README.md"})
-"""The written pages; the site builder makes the pages of lessons, problems and the reference."""
+"""The written pages. The site builder makes all other pages."""
 TEXTS = [README, CONTRIBUTING, *PAGES]
 
 

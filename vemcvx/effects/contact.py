@@ -40,7 +40,7 @@ class BilateralContact(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Names of boundaries, or of interfaces. At an interface, u is the displacement of the first body relative to the
+        Names of boundaries or interfaces. At an interface, u is the displacement of the first body relative to the
         second body, and n is the outward normal of the first body.
 
     Examples
@@ -67,7 +67,7 @@ class PrescribedSlip(Effect):
     """A closed fault with given slip: the jump of u is `value` along an interface, and 0 across the interface.
 
     `history.reaction(on)` is the force along the fault, which causes the slip. `history.force(on)` is the force across
-    the fault. TrescaFriction on the same interface acts against the slip. CoulombFriction on it is refused.
+    the fault. On the same interface, TrescaFriction acts against the slip, and CoulombFriction is refused.
 
     Parameters
     ----------
@@ -252,7 +252,6 @@ class _Friction(Effect):
     ground: data.Datum | None = None
 
     def _rub(self, space: Space, rows: BoundaryRows, **acts: Any) -> Contribution:
-        """Return the contribution of friction, with the fields `acts` of Friction."""
         subject, ground = self._subject, None
         if self.ground is not None:
             if (rows.partners >= 0).any():
@@ -287,8 +286,8 @@ class TrescaFriction(_Friction):
         True: the bound is g where one-sided contact is closed, and 0 elsewhere. False: the bound is g everywhere. None
         (default): the bound is g everywhere, with a warning where friction acts without contact.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
-        Displacement of an obstacle that slides under the body, such as a belt; length. The normal component is ignored:
-        use a `gap` that changes in time.
+        Displacement of an obstacle that slides under the body, such as a belt; length. The normal component is ignored
+        (use `gap`).
 
     Examples
     --------

@@ -89,7 +89,7 @@ def holds(sign: str = "", rule: str = "it must be {sign}") -> dict[str, Any]:
 
 
 def require(lawful: Bools, values: Floats, at: At | InCells, found: str, rule: str) -> None:
-    """Raise SceneError for the smallest value that is not lawful."""
+    """Raise SceneError if a value is not lawful."""
     if not lawful.all():
         row = int(np.argmin(np.where(lawful, np.inf, values)))
         raise SceneError(f"{found} = {values[row]:.6g} {at.place(row)}; {rule}.")

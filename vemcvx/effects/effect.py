@@ -157,7 +157,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """A surface of contact, one row per node and distinct normal."""
+    """A contact surface with one row per node and normal."""
 
     subject: str  # the name of the effect in messages
     nodes: Ints  # (m,)
@@ -223,7 +223,7 @@ class Friction(ContactSurface):
 
     @property
     def across(self) -> Floats:
-        """The vectors (m, dim) that replace `normals` if `directions` are given."""
+        """The vectors (m, dim) that determine tangents."""
         if self.directions is None:
             return self.normals
         return self.directions[:, ::-1] * (1.0, -1.0) + 0.0 if self.in_plane else self.directions
@@ -293,7 +293,7 @@ class Obstacle(ContactSurface):
 
 @dataclass(frozen=True)
 class Material:
-    """Hooke's law in the cells of a material; moduli are zero in other cells."""
+    """Hooke's law in the cells of a material. Moduli are zero in other cells."""
 
     subject: str  # the name of the effect in messages
     # (2, n_cells) Lame's lam (reduced in plane stress) and mu, or upper triangles of elastic matrices: (6, n_cells), in
@@ -346,7 +346,7 @@ class InitialStress:
 
 @dataclass(frozen=True)
 class Contribution:
-    """The contribution of one effect to the problem; every field is optional.
+    """The contribution of one effect to the problem. Every field is optional.
 
     Attributes
     ----------
@@ -385,7 +385,7 @@ class Effect(ABC):
     """One piece of physics of a scene, independent of the mesh.
 
     An effect is a frozen dataclass of names, constants and functions. Arrays are copied. The order of effects in a
-    scene changes nothing.
+    scene does not change results.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Loads and supports: tractions, pressures, forces; clamps, symmetry, prescribed displacements, foundations."""
+"""Loads and supports."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ class Clamp(Effect):
 
 
 def _all_components(nodes: Ints, dim: int) -> tuple[Ints, Floats]:
-    """Return every node with every axis, one pair per row."""
+    """Return all pairs of a node and an axis."""
     return np.repeat(nodes, dim), np.tile(np.eye(dim), (len(nodes), 1))
 
 
@@ -297,7 +297,7 @@ class Rigid(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names, or names of bodies: cell data that are nonzero on the body. All nodes of a body move.
+        Boundary names, or names of bodies (cell data that are nonzero on the body).
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
@@ -378,7 +378,7 @@ class Rigid(Effect):
 
 @dataclass(frozen=True)
 class Pretension(Effect):
-    """A bolt that a given force tightens across a cut, and that is then locked at its length.
+    """A bolt that a force tightens across a cut, and that is then locked.
 
     The two sides of the cut are bonded, except for a uniform jump along the mean normal of the cut. The jump is the
     shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.

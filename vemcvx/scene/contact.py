@@ -34,8 +34,7 @@ from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
 # move along the normal. (3) Contact holds the normal, and a support holds the tangent. (4) A support or a moving
-# obstacle drags the node against friction. The reaction along the normal is a contact force if contact holds the
-# normal, or if a support holds the normal alone. The module `supports` defines A, H, P and R.
+# obstacle drags the node against friction. The module `supports` defines A, H, P and R.
 Moving = Callable[[float], Floats]
 """t -> motion of the ground, as vectors or as tangential components"""
 
@@ -53,7 +52,7 @@ def _freedom(
 ) -> Freedom:
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
-    # B_i has the rows of B at contact row i. B_i B_i' is singular if supports hold a tangent.
+    # B_i has the tangential rows of node i. B_i B_i' is singular if supports hold a tangent.
     parts = [B[axis::per] for axis in range(per)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -78,7 +77,6 @@ def _normal_is_free(rows: ContactRows, supports: Supports) -> Bools:
 def _find_dragged(
     slip: Moving, rows: ContactRows, supports: Supports, times: Sequence[float], ground_moves: bool
 ) -> Bools:
-    """Return a mask of rows whose slip changes."""
     if len(times) == 0:
         nodes = supports.moved // supports.points.shape[1]
         return np.isin(rows.nodes, nodes) | np.isin(rows.partners, nodes) | ground_moves
@@ -142,7 +140,7 @@ class Terms(ContactRows):
     press: sp.csr_matrix | None = None  # (rows, r) the map from forces of limits to forces on friction rows
 
     def weights(self, t: float) -> Floats:
-        """Return the weights (m,) at the instant `t`, without laws."""
+        """Return the weights (m,) at the instant `t`."""
         at, own = f"weights at t = {t:.6g}", self.frictions
         each = (read_weights(f.weights(t), len(f.nodes), f"{f.subject}: {at}") for f in own)
         return self.gather @ np.concatenate([np.zeros(0), *each])
@@ -154,7 +152,7 @@ class Terms(ContactRows):
 
     @property
     def acting_rows(self) -> sp.csr_matrix:
-        """The rows of B^ of acting terms."""
+        """The rows of acting terms in B^."""
         return self.rows[: self.acting * self.block]
 
     def norms(self, supports: Supports) -> Norms | None:
@@ -224,7 +222,6 @@ def _friction_terms(
     times: Sequence[float],
     obstacles: Obstacles,
 ) -> Terms:
-    """Return the norm terms of the friction rows in `table`."""
     points = supports.points
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
     each = np.concatenate([tangents_of(points[:0]), *(f.tangents for f in frictions)])
@@ -255,7 +252,6 @@ def _friction_terms(
 
 
 def _kinds(frictions: Sequence[Friction]) -> Ints:
-    """Return the kind of each friction row."""
     kinds = [(f.ground and id(f.ground.value), f.directions is not None and not f.in_plane) for f in frictions]
     return repeat_by_row(frictions, [kinds.index(kind) for kind in kinds])
 
@@ -311,7 +307,6 @@ class Surface(ContactRows):
 def _contact_surface(
     table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float]
 ) -> Surface:
-    """Return the contact nodes of the table."""
     first, row = merge_terms((table.nodes, table.partners), table.normals)
     every = table.merge(first, row)
     held = _freedom(every, tangents_of(every.normals), supports, times)

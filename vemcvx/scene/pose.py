@@ -207,7 +207,6 @@ def _hold(
         check_off_axis(_chain(contact))
     straight = iter(straighten_normals(holds, _chain(contact)))
     kinds = [[next(straight) for _ in kind] for kind in contact]
-    # Nodal frames have the normals of frictions and obstacles as axes.
     normals = (*kinds[0], *kinds[1])
     check_bonds(holds, normals)
     # `floating_motions` refuses bodies of revolution that float.

@@ -1,8 +1,8 @@
 """Floating bodies: the rigid motions that no support resists.
 
-Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The loads f
-balance if R'f = 0. Then A u = f has a solution. *Pins* are supports of k nodal values. They make u unique and bear no
-force. Results do not contain the mean rigid motion.
+Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The loads f balance if
+R'f = 0. Then A u = f has a solution. *Pins* are supports of k nodal values. They make u unique and bear no force.
+Results do not contain the mean rigid motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vemcvx.vem.elasticity import rigid_modes, split_motion
 
 
 def body_names(mesh: Mesh, piece: Ints, node: Ints) -> list[str | None]:
-    """Return a name or None for each piece of the mesh."""
+    """Return a body name or None for each connected piece."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -63,8 +63,9 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 
 # A piece is a set of cells joined along edges, in space along faces. Pieces may share single nodes. R_q c_q is a rigid
-# motion of piece q. The diagonal matrix W has the number of pieces at each node. F is the stiffness of springs.
-# Supports allow the displacements v = P y. The squared distance between the motions R_q c_q and the nearest v is
+# motion of piece q. The diagonal matrix W has the number of pieces at each node. We assume that joined nodes have
+# equal numbers. F is the stiffness of springs. Supports allow the displacements v = P y. The squared distance between
+# the motions R_q c_q and the nearest v is
 #
 #     sum_q |R_q c_q|^2 - |P'W^{-1/2} sum_q R_q c_q|^2.
 #
@@ -129,7 +130,6 @@ def floating_motions(
 def _refuse_floating(
     which: str, describe: Callable[[Floats], str], loose: Floats, felt: Floats, rounding: float
 ) -> None:
-    """Raise SceneError if contact does not resist a motion."""
     _, size, rotated = np.linalg.svd(felt, full_matrices=len(felt) < loose.shape[1])
     least = max(FREE_FRACTION**0.5 * size.max(initial=0.0), rounding)
     unfelt = loose @ rotated[int((size > least).sum()) :].T

@@ -22,7 +22,7 @@ from vemcvx.vem.boundary import DIRECTION_TOLERANCE
 
 
 def pairs_of(parts: Sequence[ContactSurface | Support]) -> tuple[Ints, Ints]:
-    """Return the nodes and the partners (or -1) of all rows, part by part."""
+    """Return the nodes and the partners (or -1) of all rows."""
     none = np.zeros(0, dtype=np.int64)
     alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
     return np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone])
@@ -77,7 +77,7 @@ class ContactRows:
     partners: Ints  # partner j of each row, or -1 (m,)
     normals: Floats  # outward unit normals (m, dim)
     ends: sp.csr_matrix  # lengths of ends (m, e)
-    names: Ints  # node i, and the other node of the edge, the face, or -1 (e, 2)
+    names: Ints  # node i, and the other node (in space the face) or -1 (e, 2)
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
@@ -152,11 +152,11 @@ class ContactRows:
 def merge_terms(
     pairs: tuple[Ints, Ints], normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = SAME
 ) -> tuple[Ints, Ints]:
-    """Return the first row of each term, and the term of each row."""
+    """Return the first row of each group of equal rows, and the group of each row."""
     place = distinct_pairs(*pairs)[1]
     term, first = np.full(len(place), -1), [np.zeros(0, dtype=np.int64)]
     while (left := np.flatnonzero(term < 0)).size:
-        # The first remaining row of each pair begins a new term.
+        # The first remaining row of each pair begins a new group.
         lead, mine = np.unique(place[left], return_index=True, return_inverse=True)[1:]
         leader = left[lead][mine]
         cosine = np.einsum("ij,ij->i", normals[left], normals[leader])

@@ -4,16 +4,16 @@ Supports prescribe A u = g(t), with one row per direction at a node or a pair of
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-with the free unknowns y and the prescribed displacement u_D = H g. Forces f of the rows cause the
-nodal reactions R = A'f. Then f = H'R.
+with the free unknowns y and the prescribed displacement u_D = H g. Forces f of the rows cause the nodal reactions
+R = A'f. Then f = H'R.
 
-The support of a rigid part prescribes A u = g(t) + M c. The columns of M are rigid motions, called *patterns*. The
-amplitudes c are unknown. Then u = P y + H g + H M c. An orthonormal basis of the columns of H M is appended to P.
+The supports of rigid parts and bolts prescribe A u = g(t) + M c. The columns of M are called *patterns*, and the
+*amplitudes* c are unknown. Then u = P y + H g + H M c. An orthonormal basis of range(H M) is appended to P.
 
-Nodes that are joined by rows form a *site*; a single node is also a site. At each site, Gram-Schmidt makes an
-orthonormal frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact,
-normals of friction and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term
-then has separate unknowns, and a solver can set a slip to exactly zero.
+Nodes that rows join form a *site*. A single node is also a site. At each site, Gram-Schmidt makes an orthonormal frame
+from four kinds of directions, in this order: prescribed directions, normals of bilateral contact, normals of friction
+and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term then has separate unknowns,
+and a solver can set a slip to exactly zero.
 """
 
 from __future__ import annotations
@@ -268,7 +268,6 @@ def _span_amplitudes(
 
 
 def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
-    """Return the site of each node."""
     joined = partners >= 0
     if not joined.any():
         return np.arange(n_nodes)
@@ -279,7 +278,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield nodes, rows and the number of prescribed rows of equally large sites."""
+    """Yield nodes, rows and the number of prescribed rows, for sites of equal size."""
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
     begin, held = np.searchsorted(at_site[order], sites), np.bincount(where[:count], minlength=len(sites))

@@ -154,7 +154,7 @@ class Case:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The trajectory of the solver, computed once."""
+        """The trajectory of the solver."""
         return self.march()
 
     @cached_property

@@ -89,7 +89,7 @@ def test_a_refused_run_has_a_row_in_the_table(pad, tmp_path):
     assert re.search(r"^refused +friction=-1: CoulombFriction on bottom: ", printed, re.MULTILINE), printed
     done, refused = json.loads((tmp_path / "study" / "study.json").read_text())
     assert (done["status"], refused["status"], refused["folder"]) == ("done", "refused", None)
-    # A problem file that ends its process is refused as well.
+    # A problem file that exits Python is refused, too.
     code, printed = run(pad, "--set", "kind=gone,rock", "--out", "other")
     assert code == 2
     assert re.search(r"^ *gone .* refused *$", printed, re.MULTILINE), printed

@@ -45,7 +45,7 @@ def test_a_block_sinks_into_its_dashpots_like_an_exponential():
         found, loaded = support.measure_sinking(run), run.times <= support.REST
         assert found[loaded] == pytest.approx(support.sinking_of_steps(run.times[loaded]), abs=1e-13)
         assert found[~loaded] == pytest.approx(0.0, abs=1e-13)
-        # The block begins at zero, although its weight acts from the first instant on.
+        # The block begins at zero, although the weight acts from the first instant on.
         assert run.energy[0] == np.abs(run.displacement[0]).max() == 0.0
         end, weight = np.flatnonzero(loaded)[-1], support.WEIGHT * support.HEIGHT * support.LENGTH
         work = -weight * run.mean("displacement", on="all")[end, 1]

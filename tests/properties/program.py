@@ -47,7 +47,7 @@ def objective_is_strongly_convex(case, size, seed, share):
 def answers_obey_the_law_of_friction(case, exponent, which):
     """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
-    All summands of the gap are >= 0, so each is at most the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
+    Each summand of the gap is between 0 and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
     w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with
     |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at most 2w |B v|. Here |B_i v| is at most
     |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of stored states. In blocks of two

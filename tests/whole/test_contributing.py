@@ -1,4 +1,4 @@
-"""Follow the recipes of CONTRIBUTING.md and of the pages it links: an effect, a family of meshes, a solver."""
+"""Follow the recipes of CONTRIBUTING.md and of linked pages: an effect, a family of meshes, a solver."""
 
 from __future__ import annotations
 

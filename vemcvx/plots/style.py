@@ -172,7 +172,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
-    # At least 99 % of the edges stretch by half their length at most.
+    # At least 99 % of the edges stretch by at most half the length.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 

@@ -79,7 +79,7 @@ class Quantity:
 
     @property
     def relative(self) -> float:
-        """The quotient error / |value|. For the value 0, it is 1, or 0 if the error is 0."""
+        """The quotient error / |value|. If the value is 0, the quotient is 1, or 0 without an error."""
         return self.error / (abs(self.value) or self.error or 1.0)
 
     @property

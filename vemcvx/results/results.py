@@ -167,7 +167,7 @@ class Results(ActingForces):
     def out_of_plane_stress(self, step: int) -> Floats:
         """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
 
-        It is 0 in plane stress. In a body of revolution, it is the hoop stress. A Prestress adds nothing to it.
+        The stress zz is 0 in plane stress, and the hoop stress in a body of revolution. A Prestress adds nothing.
         """
         self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         self.row(step)
@@ -186,7 +186,7 @@ class Results(ActingForces):
     def principal_stresses(self, step: int) -> Floats:
         """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
-        In space and in a body of revolution (with the hoop stress), they are (n_cells, 3), the largest first.
+        In space and (with the hoop stress) in a body of revolution, the shape is (n_cells, 3).
         """
         return self.on_cells(step)["principal_stresses"]
 

@@ -92,7 +92,7 @@ def test_blocks_match_at_every_small_offset(size):
 
 
 def round_points(mesh):
-    """Return the mesh with points rounded to seven digits."""
+    """Return the mesh with points rounded to seven decimals."""
     return vx.PolyhedralMesh(np.round(mesh.points, 7), mesh.cells)
 
 

@@ -143,7 +143,7 @@ def test_invalid_objects_of_pyvista_are_refused():
 
 
 def make_four_cells():
-    """Return a hexahedron below a pyramid, beside a wedge below a tetrahedron."""
+    """Return a hexahedron under a pyramid, and a wedge under a tetrahedron."""
     points = [*CUBE, (0.5, 0.5, 2.0), (2.0, 0.5, 0.0), (2.0, 0.5, 1.0), (1.5, 0.5, 2.0)]
     blocks = [
         ("wedge", [[1, 9, 3, 5, 10, 7]]),
@@ -157,7 +157,7 @@ def make_four_cells():
 
 
 def make_solid(name):
-    """Return a mesh in space of one kind of cells, or of four kinds."""
+    """Return a mesh in space with one or four kinds of cells."""
     if name == "mixed":
         return convert(make_four_cells())
     if name == "wedges":

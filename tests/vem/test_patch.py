@@ -22,7 +22,7 @@ def compute_strain(plane):
 
 @mostly_long("plane, stabilisation", [("strain", "shear"), ("stress", "unit")])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
-    """Prescribe u . n on the left, contact without friction on the bottom, and a traction on the right."""
+    """Prescribe u . n on the left, contact and zero friction on the bottom, and a traction on the right."""
     mesh = small(family, 4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),

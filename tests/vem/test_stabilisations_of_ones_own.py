@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, and the same form a^h in stiffness, budget and nodal distance."""
+"""User-defined stabilisations: patch test, and the same form in stiffness, budget and nodal distance."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
 
 @pytest.mark.long
 def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
-    """Histories from a file and in memory have equal distances."""
+    """A history from a file has the distance of the history in memory."""
     mesh = small("voronoi", 3)
     for name in ("unit", own.Boundary()):
         history = simulate_bar(name, mesh)
@@ -97,7 +97,7 @@ def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
 
 
 class Softer(vx.Elasticity):
-    """A material with two different stabilisations in the stiffness and in `stabilisation`."""
+    """A material whose stiffness has another stabilisation than `stabilisation`."""
 
     def contribute(self, space):
         ours = super().contribute(space)
@@ -114,7 +114,7 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Return squared parts of the budget, and the number of cells in which S_K exceeds the edge energy.
+    """Return squared parts of the budget, and the number of cells with more stabilisation energy than edge energy.
 
     "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" sums the larger energy in each cell.
     """
@@ -152,7 +152,7 @@ def test_the_budget_is_the_sum_over_edges_of_its_formula():
     budget, (expected, count) = vx.error_budget(history, -1), compute_squares(history)
     expected["jumps"], expected["boundary"] = (CONSTANT**2 * expected[name] for name in ("jumps", "boundary"))
     squares = {name: (part[0] * budget.scale) ** 2 for name, part in budget.parts.items()}
-    assert squares.pop("data") < 1e-24 * sum(expected.values())  # rounding of the mean of a constant traction
+    assert squares.pop("data") < 1e-24 * sum(expected.values())  # rounding error of a constant traction
     assert squares == pytest.approx(expected | {"volume": 0.0}, rel=1e-10, abs=0.0)
     assert (budget.space[0] * budget.scale) ** 2 == pytest.approx(sum(expected.values()), rel=1e-10)
     assert count == 16

@@ -28,7 +28,7 @@ def evaluate_monomials(x):
 
 
 def integrate(corners):
-    """Integrate the monomials over triangles with the origin, by the midpoints of edges."""
+    """Integrate the monomials over triangles between the origin and the sides."""
     a, b = corners, np.roll(corners, -1, axis=0)
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return area @ (evaluate_monomials(0.5 * a) + evaluate_monomials(0.5 * b) + evaluate_monomials(0.5 * (a + b))) / 3

@@ -107,7 +107,7 @@ class Tetrahedra(NamedTuple):
         for kept, left in (at.T, at.T[::-1]):
             corners, parts = some.corners.copy(), some.parts.copy()
             corners[row, left] = middle
-            parts[row, kept] = -1  # the face between the halves
+            parts[row, kept] = -1  # no boundary face between the halves
             halves.append(Tetrahedra(corners, parts, some.parents, some.cuts + 1))
         rest = Tetrahedra(*(values[~chosen] for values in self))
         return Tetrahedra(*map(np.concatenate, zip(rest, *halves, strict=True)))

@@ -123,12 +123,12 @@ def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Fl
 
 WHOLE = "boundary"
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
-"""Dimension -> for each axis, names of the sides at the least and the greatest coordinate."""
+"""Dimension -> names of sides at the least and the greatest coordinate, by axis."""
 T = TypeVar("T")
 
 
 def check_name(name: object, what: str = "part of the boundary") -> str:
-    """Return the name, or raise MeshError if it is not allowed."""
+    """Return a valid name, or raise MeshError."""
     if not isinstance(name, str) or not name:
         raise MeshError(f"the name of a {what} must be a non-empty string; got {name!r}.")
     if name == WHOLE and what == "part of the boundary":

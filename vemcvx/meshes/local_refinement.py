@@ -43,7 +43,7 @@ from vemcvx.meshes.polygons import (
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
-"""Least length of a long side, relative to the diameter of the cell; 0.31 in a regular decagon."""
+"""Least length of a long side, relative to the cell diameter. Sides of regular decagons have 0.31."""
 
 
 class Splitting(NamedTuple):
@@ -82,7 +82,7 @@ def splitting_of(mesh: PolygonMesh) -> Splitting:
 
 
 def _outlines(mesh: PolygonMesh) -> tuple[Floats, Floats, Bools]:
-    """Return the lengths of edges, the left turns at vertices, and a mask of bends."""
+    """Return the lengths of edges, turning angles, and a mask of bends."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -198,7 +198,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
     """Split marked cells, and further cells as in `mark_crowded`."""
     splitting, shared, edge = splitting_of(mesh), mesh.shared_edges, mesh.shared_edges.number
     places = places_of(pairs_of(mesh.interfaces), mesh.points)
-    if mesh.interfaces:  # Coinciding edges of two bodies are split together.
+    if mesh.interfaces:  # coinciding edges of two bodies are split together
         edge = sort_edges(mesh.offsets, places[mesh.vertices], mesh.n_nodes).number
     marked = mark_crowded(marked, mesh, splitting, edge)
     centres, cell = centres_of(mesh, splitting, marked), cell_of_corner(mesh.offsets)

@@ -169,7 +169,7 @@ class Mesh(ABC):
 
     @property
     def centroids(self) -> Floats:
-        """Centroids of the cells, (n_cells, dim)."""
+        """Centroids (n_cells, dim) of the cells."""
         return self._measures_and_centroids[1]
 
     @cached_property

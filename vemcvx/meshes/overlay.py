@@ -35,7 +35,7 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # about 1 / sin(15 degrees): tolerance at a corner, relative to edges
+CORNER_FACTOR = 4.0  # tolerance at corners relative to edges, about 1 / sin(15 degrees)
 COVERAGE_TOLERANCE = 1e-3  # largest relative change of area by splitting a face
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 

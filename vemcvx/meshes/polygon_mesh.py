@@ -101,7 +101,7 @@ class PolygonMesh(Mesh):
 
     @property
     def areas(self) -> Floats:
-        """Areas of the cells, (n_cells,)."""
+        """Areas (n_cells,) of the cells."""
         return self.measures
 
     @property
@@ -172,9 +172,9 @@ class PolygonMesh(Mesh):
         values : (n_cells,) array_like, optional
             One number per cell. Without ``values`` and ``ax``, boundaries are labelled.
         ax : matplotlib Axes, optional
-            Axes to draw on; by default a new figure (``ax.figure.savefig(...)`` saves it).
+            Axes to draw on; by default a new figure. ``ax.figure.savefig(...)`` saves the figure.
         **style
-            Passed to matplotlib's PolyCollection (``cmap``, ``edgecolor``, ``linewidth``, ``clim`` ...).
+            Options of matplotlib's PolyCollection (``cmap``, ``edgecolor``, ``linewidth``, ``clim`` ...).
 
         Returns
         -------

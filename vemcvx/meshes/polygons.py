@@ -207,7 +207,7 @@ def smallest_linked(pairs: Ints, count: int) -> Ints:
     return np.unique(label, return_index=True)[1][label]
 
 
-TOLERANCE = 4.0 * np.finfo(float).eps  # rounding of coordinates relative to their size
+TOLERANCE = 4.0 * np.finfo(float).eps  # relative rounding error of coordinates
 
 
 def cross(a: Floats, b: Floats) -> Floats:

@@ -52,8 +52,7 @@ class PolyhedralMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh. Vertices may be off the plane of a face by 1e-6 diameters of the
-        face.
+        The points and cells do not form a valid mesh. A vertex may be off a face plane by 1e-6 face diameters.
 
     Examples
     --------

@@ -64,8 +64,8 @@ def bodies(
         bodies.
     tolerance : float, optional
         Largest distance between coinciding boundaries, by default 1e-9 of the extent of all bodies. Nodes of the later
-        body move to the earlier body. If both bodies approximate a circle of radius R by edges of
-        length h, give h^2 / (8 R).
+        body move to the earlier body. If both bodies approximate a circle of radius R by edges of length h, give
+        h^2 / (8 R).
 
     Returns
     -------
@@ -93,7 +93,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the mesh of :func:`bodies`, and old numbers of boundary edges or faces."""
+    """Return the joined mesh, and old numbers of boundary edges or faces."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -186,7 +186,7 @@ def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tu
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
     node, other = leaders[number], body[ends[edge, 0]]
-    # A body without a node at this place gets a node on the nearest edge.
+    # Bodies without a node at the place get a node on the nearest edge.
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     without = np.flatnonzero(~np.isin(node * count + other, place * count + body))
     nearest = without[least_of_each((node * count + other)[without], distance[without])]

@@ -204,9 +204,9 @@ def _curvature(group: FaceGroup) -> Floats:
 # Rows of a part of the boundary: one per node and distinct normal (docs/signs.md, "Corners and curves").
 #
 # Neighbouring sides form a curve if the normals differ by less than 42.5 degrees. A node on a curve has one normal,
-# because a node with two normals could not slide along the curve. This normal is the mean of the normals of sides, with
-# the weights 1 / length. In space, a face has the weight sin(alpha) / (|a| |b|), with the angle alpha between the edges
-# a and b at the node (N. Max, J. Graphics Tools 4 (1999)). On a circle or a sphere, the mean is exact.
+# because a node with two normals could not slide along the curve. This normal is a mean over sides, with the weights
+# 1 / length. In space, a face has the weight sin(alpha) / (|a| |b|), with the angle alpha between the edges a and b at
+# the node (N. Max, J. Graphics Tools 4 (1999)). On a circle or a sphere, the mean is exact.
 #
 # In the plane, a hanging node divides a *whole side* into sides. Means are taken over whole sides. The normal at a
 # hanging node is interpolated between the ends of the whole side. Without interpolation, friction and pressure in a

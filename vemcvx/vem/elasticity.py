@@ -1,8 +1,8 @@
 """Elasticity on virtual elements: the stiffness matrix, strains and energies of cells, and rigid motions.
 
-The form of a cell K is a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + S_K, (3.13) of the paper named in :mod:`vemcvx`. It
-contains the projection Pi (:mod:`.projection`), the elastic matrix C, the strains eps = (e_xx, e_yy, 2 e_xy), and the
-stabilisation S_K (:mod:`.stabilisation`). On triangles and tetrahedra, Pi v = v and S_K = 0. In Kelvin's notation, the
+The form of a cell K is a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + S_K, (3.13) of the paper named in :mod:`vemcvx`. Here
+Pi is the projection (:mod:`.projection`), C the elastic matrix, eps = (e_xx, e_yy, 2 e_xy) the strains, and S_K the
+stabilisation (:mod:`.stabilisation`). On triangles and tetrahedra, Pi v = v and S_K = 0. In Kelvin's notation, the
 elastic matrix is C_k = D C D with D = diag(1, 1, sqrt 2), in space diag(1, 1, 1, sqrt 2, sqrt 2, sqrt 2).
 """
 

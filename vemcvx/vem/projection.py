@@ -170,7 +170,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """Factor of translations without strain: 0 for radial displacements in bodies of revolution, else 1."""
+    """0 for the radial displacement in bodies of revolution, whose translation causes strains, else 1."""
 
     @cached_property
     def corners(self) -> Floats:
@@ -327,7 +327,7 @@ class RingGroup(CellGroup):
         return 2.0 * np.pi * areas * self.radii, 2.0 * np.pi * B
 
     def hoop_variation(self) -> Floats:
-        """Return the matrices of 2 pi g'M g / r_c (docs/theory/virtual_elements.md)."""
+        """Return the matrices of the hoop variation (docs/theory/virtual_elements.md)."""
         areas, g = self.gradients()
         rows = (g / areas[:, None, None]).transpose(0, 2, 1).copy()
         rows[:, 0] -= self.load_shares() / self.radii[:, None]

@@ -62,7 +62,7 @@ class Space:
 
     @property
     def components(self) -> int:
-        """The number of components of stress, hoop stress included."""
+        """The number of stress components, including the hoop stress."""
         return len(COMPONENTS[self.dim]) + self.axisymmetric
 
     @cached_property

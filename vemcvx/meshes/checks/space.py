@@ -1,8 +1,9 @@
-"""Checks of meshes in space, which raise MeshError unless cells are polyhedra that fit together.
+"""Checks of the points and cells of meshes in space.
 
-Every edge of a cell must belong to exactly two faces of the cell, with opposite directions. If directions are wrong,
-faces with normals towards the middle of the cell are reversed. Neighbouring cells must share whole faces, so boundary
-faces must not overlap. Overlapping cells are found if the total volume of cells exceeds the volume of the convex hull.
+Every edge of a cell must belong to exactly two faces of the cell, and must have opposite directions in both faces. If
+directions are wrong, faces with normals towards the middle of the cell are reversed. Neighbouring cells must share
+whole faces, so boundary faces must not overlap. Overlapping cells are found if the total volume of cells exceeds the
+volume of the convex hull.
 """
 
 from __future__ import annotations
@@ -58,7 +59,6 @@ def _list_faces(cells: Any) -> FaceLists:
 
 
 def _check_lists(listed: FaceLists, n_nodes: int) -> None:
-    """Raise MeshError for cells with too few faces, and faces with too few nodes."""
     counts = np.diff(listed.cell_offsets)
     if not len(counts):
         raise MeshError("a mesh needs at least one cell; got none.")

@@ -186,7 +186,7 @@ def hanging(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n counts large cells. Of these, 30 % are chosen at random and split into four.
+        n counts large cells. 30 % of the large cells, chosen at random, are split into four.
 
     Returns
     -------
@@ -294,7 +294,7 @@ def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, 
     Parameters
     ----------
     radii : (k,) array
-        Increasing radii of k >= 2 circles. With a first radius 0, the domain is a disc, with triangles at the centre.
+        Increasing radii of k >= 2 circles. If radii[0] is 0, the domain is a disc, with triangles at the centre.
     sectors : int
         Number of cells around the full circle or the sector. A cell must have an angle below pi.
     angles : (float, float), optional

@@ -67,7 +67,7 @@ def voronoi(
     cells : int, optional
         Number of cells, instead of n or size.
     shortest : float
-        Edges below this length, from 0 to 0.1, are collapsed. The unit is the square root of the mean cell area.
+        Largest length of collapsed edges, from 0 to 0.1, in units of the square root of the mean cell area.
 
     Returns
     -------

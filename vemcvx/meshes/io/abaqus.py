@@ -94,7 +94,7 @@ class _Deck:
     part: str = ""  # the part that is being defined
     scope: str = ""  # the instance that is being read
     moves: list[list[float]] = field(default_factory=list)  # translations (3,) and rotations (7,)
-    spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> its first spelling
+    spelt: dict[str, str] = field(default_factory=dict)  # name in capitals -> first spelling
     unread: list[str] = field(default_factory=list)
 
     def take(self, word: str, options: dict[str, str], lines: list[str]) -> None:

@@ -63,7 +63,7 @@ class Grid:
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
-        """Masks (k,) of the cells of the mesh, and of possible boundary cells."""
+        """Masks (k,) of mesh cells and of possible boundary cells."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
         return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
 
@@ -132,7 +132,7 @@ def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = Tru
 
 
 def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
-    """Return the kinds of lines and polygons from their numbers of nodes."""
+    """Return the kinds of lines and polygons, from numbers of nodes."""
     counts = np.diff(offsets)
     return np.select([counts == 2, counts == 3, counts == 4], ["line", "triangle", "quad"], "polygon")
 

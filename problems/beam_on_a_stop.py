@@ -1,8 +1,8 @@
-r"""A cantilever bent by a force until its end meets a stop: from then on it is a propped beam.
+r"""A cantilever bent by a force until its end meets a stop.
 
 The beam (0, L) x (0, H) is in plane stress and clamped at x = 0, with Young's modulus E and nu = 0. The force P t acts
-on its top at x = L/2, and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory I = H^3 / 12, G
-= E / 2, and the shear factor is 5/6. A force P in the middle, or a force R at the end, deflects the end by
+on its top at x = L/2, and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory I = H^3 / 12,
+G = E / 2, and the shear factor is 5/6. A force P in the middle, or a force R at the end, deflects the end by
 
 $$
 \text{under } P: \qquad P (5 L^3 / (48 E I) + L / (2 k)), \qquad k = \tfrac56 G H, \\

@@ -10,14 +10,14 @@ $$
 $$
 
 and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the free
-end. Within about H = h1 + h2 of this end the stresses differ from beam theory, so the deflection has an error O((H /
-L)^2). A soft foundation prevents a vertical translation. The force of the foundation is zero.
+end. Within about H = h1 + h2 of this end the stresses differ from beam theory, so the deflection has an error
+O((H / L)^2). A soft foundation prevents a vertical translation. The force of the foundation is zero.
 
 With `--set grain=A` the upper layer is wood with a grain at the angle A (in radians) to the strip. Its Young's modulus
 is E2 along the grain and E2 / 10 across the grain; its shear modulus is G = E2 / 15. With c = cos A, s = sin A, Young's
 modulus E of wood along the strip is given by 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2. In the
-formula of the curvature, E replaces E2. With an oblique grain, x = 0 is not a plane of symmetry, and the rollers at x =
-0 make an error O(H / L).
+formula of the curvature, E replaces E2. With an oblique grain, x = 0 is not a plane of symmetry, and the rollers at
+x = 0 make an error O(H / L).
 
     vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """

@@ -68,7 +68,7 @@ def times(steps):
 
 
 def sole_friction(history):
-    """Return F / P as computed, (N + 1, 2)."""
+    """Return the computed F / P, (N + 1, 2)."""
     contact = history.contact
     force = np.einsum("smd,m->sd", contact.traction, contact.friction_lengths)[:, :2]
     return force / (contact.pressure @ contact.lengths)[:, None]

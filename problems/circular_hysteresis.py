@@ -1,10 +1,10 @@
 r"""A block whose top moves in circles over a rough floor: rotating friction in closed form, exact on every mesh.
 
 The block (0, 2) x (0, 1) x (0, H) has H = 1/2, E = 1000, nu = 1/4 and the shear modulus mu. The lower side, the sole,
-has the area A. On the sole, contact is bilateral, and Tresca friction has the bound g. The top moves by U(t) = (U_1,
-U_2, 0): straight to a circle of radius R for t < 1, then around the circle, one turn per unit of time. Shear tractions
-on the sides keep the shear uniform: u = (a + gamma z, 0) with vectors a, gamma in the plane of the floor. The shear
-gamma and the slip a are, step by step,
+has the area A. On the sole, contact is bilateral, and Tresca friction has the bound g. The top moves by
+U(t) = (U_1, U_2, 0): straight to a circle of radius R for t < 1, then around the circle, one turn per unit of time.
+Shear tractions on the sides keep the shear uniform: u = (a + gamma z, 0) with vectors a, gamma in the plane of the
+floor. The shear gamma and the slip a are, step by step,
 
 $$ \gamma_n = P((U_n - a_{n-1}) / H), \qquad a_n = U_n - \gamma_n H. $$
 

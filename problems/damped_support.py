@@ -1,4 +1,4 @@
-r"""A block on dashpots and springs: it sinks exponentially or creeps; dashpots do not resist when it rises.
+r"""A block on dashpots and springs: it sinks exponentially or creeps.
 
 The block (0, L) x (0, H) of the weight w per area hangs on springs of the stiffness s per length at its top. Its base
 rests on dashpots: the pressure on the base is c times the velocity into the support. The block can move along y only.

@@ -1,4 +1,4 @@
-r"""The dovetail root of a blade in its slot: pulled more at one end of the slot than at the other, and released.
+r"""The dovetail root of a blade in its slot, pulled more at one end than at the other.
 
 The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute the half x > 0
 of the root. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l. Let N be

@@ -1,4 +1,4 @@
-"""Ratios of estimated to true errors on all mesh families: manufactured solutions, and the paper's scene.
+"""Ratios of estimated to true errors on all mesh families, for three problems.
 
     python problems/effectivity.py [--small] [--picture FILE]
 
@@ -6,8 +6,8 @@ The estimate is the sum of the three parts of `vx.error_budget`. The true error 
 solution:
 
 - Full slip with two Poisson's ratios. The reference is the closed form.
-- The paper's scene (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has squares of side
-  1/256.
+- The block of Feng, Han and Huang (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has
+  squares of side 1/256.
 - A load that reverses, on one mesh. The reference has sixteen times as many steps. The estimate is the part for time
   steps only.
 """

@@ -1,7 +1,7 @@
 r"""A block that yields by the criterion of von Mises, with second-order cones.
 
-The block is in plane strain (Han and Reddy, Plasticity, chapter 7). The plastic strain P is symmetric and traceless, P
-= p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
+The block is in plane strain (Han and Reddy, Plasticity, chapter 7). The plastic strain P is symmetric and traceless,
+P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
 
 $$
 N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}(1, 1, -2) / \sqrt{6},
@@ -9,8 +9,8 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 $$
 
 where only N_2 has a component zz; the strain eps has none. Let s = 2 mu (dev eps - P) be the deviator of the stress, C
-the elasticity tensor, H the hardening modulus and sigma_y the yield stress. With the rate P' of P, stored energy and
-loss per volume, and the yield criterion, are
+the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Let P' be the rate of P. The stored energy
+and the loss per volume, and the yield criterion, are
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
@@ -27,8 +27,8 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-where p.N = P. Each cell has one cone, of the three components of its multiplier lambda_K. The library has no
-plasticity: the stiffness matrix is assembled below from matrices of the library.
+where p.N = P. Each cell has one cone with three components. The stiffness matrix is assembled below from matrices of
+the library.
 
 **Exact on every mesh.** Under the tractions of a uniform stress S(t) on the whole boundary, stress and strain in the
 block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)

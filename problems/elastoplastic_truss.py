@@ -1,13 +1,13 @@
 r"""A truss that yields: elastoplasticity with linear kinematic hardening.
 
-Bars have Young's modulus E, the hardening modulus H and the yield stress sigma_y. Let e = G u be the strains
-(elongation divided by length) and p the plastic strains. The stored energy per volume and the stress are
+Bars have Young's modulus E, the hardening modulus H and the yield stress sigma_y. Let u be the displacements, e = G u
+the strains (elongation divided by length) and p the plastic strains. The stored energy per volume and the stress are
 
 $$ E / 2 (e - p)^2 + H / 2 p^2, \qquad \sigma = E (e - p). $$
 
-Bars flow while |sigma - H p| = sigma_y, in the direction of sigma - H p, and dissipate sigma_y |p'| per volume. With
-the volumes V = A L of the bars, y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and
-Reddy, Plasticity (2nd ed., 2013), chapter 7:
+Bars flow while |sigma - H p| = sigma_y, in the direction of sigma - H p, and dissipate sigma_y |p'| per volume. Let A
+be the areas, L the lengths and V = A L the volumes of the bars, y = (u, p) and D = diag(V E). The truss obeys the
+primal variational inequality of Han and Reddy, Plasticity (2nd ed., 2013), chapter 7, with
 
 $$
 K = [[G'DG, -G'D], [-DG, D + \operatorname{diag}(V H)]], \qquad j(v, q) = \sum_b V_b \sigma_{y,b} |q_b|,
@@ -17,9 +17,9 @@ $$
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite.
 
 **One bar.** The play play_r(e) stays within r of e, and changes only if it must. With r = sigma_y / E the plastic
-strain is p = E/(E+H) play_r(e). With stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is sigma =
-E_t e + (E - E_t) stop_r(e). After loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y. This
-stress is above -sigma_y: the Bauschinger effect.
+strain is p = E/(E+H) play_r(e). With stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is
+sigma = E_t e + (E - E_t) stop_r(e). After loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y.
+This stress is above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two

@@ -1,4 +1,4 @@
-r"""A fault with prescribed slip: the rock beyond its tips takes over the shear stress that the fault loses.
+r"""A fault with prescribed slip, and the shear stress that the fault loses.
 
 A block |x|, |y| < 10 a in plane strain has no supports. The fault |x| < a, y = 0 stays closed and slips by
 

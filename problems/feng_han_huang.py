@@ -6,8 +6,8 @@ Tresca friction with the bound g = 4 resists sliding. The top is free. The tract
 
 $$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1. $$
 
-This traction pushes the block to the right, and a little down. There is no body force, and the block is undeformed at t
-= 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
+This traction pushes the block to the right, and a little down. There is no body force, and the block is undeformed at
+t = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
 
 At first all nodes stick. At t = .2 the loaded corner begins to slip. Slip spreads to the right as the load grows; where
 nodes slip, friction is at its bound and points to the left. At the end nearly half of the contact slips.

@@ -1,4 +1,4 @@
-"""Error bars that are theorems: they contain the exact values, and finer meshes and smaller steps shrink them.
+"""Guaranteed error bounds: intervals that contain the exact values, on every mesh.
 
 The displacement is the closed form of `manufactured_full_slip.py`, with t^2 / 1000 in place of t. The left side of the
 block is on rollers, under the shear of the closed form. The tractions of the closed form act on the top and the right

@@ -4,9 +4,9 @@
 
 For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
 sentence. For Newton, Clarabel and OSQP the table also has the certified relative energy error of the worst step, the
-largest rounding floor of a step, the true error if a closed form exists, the most iterations of a step, and seconds. A
-solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG below its case;
-the command then fails.
+largest rounding error of a certificate (floor), the true error if a closed form exists, the most iterations of a step,
+and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG
+below its case; the command then fails.
 """
 
 from __future__ import annotations

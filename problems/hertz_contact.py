@@ -1,4 +1,4 @@
-r"""A parabolic cylinder pressed on an elastic block: Hertz' line contact, compared in pressure and half-width.
+r"""A parabolic cylinder pressed on an elastic block: Hertz' line contact.
 
 The gap between the block and the rigid cylinder of radius R is x^2 / 2R at x. The elastic block is in plane strain,
 with Young's modulus E and Poisson's ratio nu. Under the force P per length the half-width a of the contact and the

@@ -8,8 +8,7 @@ with the step k, this factor is
 $$ 1 - \exp(-t / \tau) \qquad \text{and} \qquad s_n = (1 + (\tau / k) s_{n-1}) / (1 + \tau / k), \qquad s_0 = 0. $$
 
 The computed factor is s_n on every mesh, because the displacement is linear in space. Friction with the bound g on the
-bottom opposes the pull, so that the pulled end creeps less far. The energy ledger shows the dissipation of friction and
-viscosity together.
+bottom opposes the pull, so that the pulled end creeps less far.
 
     vemcvx run problems/kelvin_voigt_creep.py --n 8 --steps 40 --plot
 """

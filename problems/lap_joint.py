@@ -1,4 +1,4 @@
-r"""A lap joint: two strips glued by a soft layer are pulled apart; the stress of the glue is largest at its ends.
+r"""A lap joint: two strips, glued by a soft layer, are pulled apart.
 
 Two strips of height t and length l, with Young's moduli E_1 (lower) and E_2 (upper), nu = 0 and G_i = E_i / 2, are
 joined by glue of thickness t_g and shear modulus G_g. Strips and glue are three bodies whose meshes do not match. They

@@ -58,7 +58,7 @@ with app.setup:
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
     STEPS = 30  # with this number of steps, every path reverses at the end of a step
-    WIDTH, LETTERS = 4.0, 10  # inches; points, which are 12 px if the picture is 346 px wide
+    WIDTH, LETTERS = 4.0, 10  # width in inches, letters in points
     GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
 
 
@@ -325,7 +325,7 @@ def _(drawing_time, history, meshing, solving, step):
 
 @app.cell
 def _(drawn, numbers, problem):
-    # Without room above the title the buttons of marimo would cover it.
+    # The buttons of marimo need room above the title.
     _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
     mo.Html(_title + format_numbers(numbers) + drawn)
     return

@@ -1,14 +1,14 @@
-"""A block that slips everywhere, in closed form for every Poisson's ratio up to 1/2.
+"""A block that slips everywhere, in closed form for all Poisson's ratios up to 1/2.
 
 On the unit square, with Lame's constants lambda and mu = 1, and with c = 1 / (1 + lambda), let
 
 $$ u = (t / 6) e^{xy} (x (1 + c), y (c - 1)) . $$
 
 For large lambda the divergence of u is of the size 1 / lambda, so that stresses stay bounded. On y = 0 the normal
-displacement vanishes. The whole contact slips to the right, and friction is at its bound t mu x^2 (lambda + 2) / (6
-(lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides. All data are proportional
-to t, so only the mesh causes errors. The same holds with any increasing phi(t) in place of t. At t = 1 strains are of
-the order of 1, and a run warns about these strains. The picture shows a tenth of the displacements.
+displacement vanishes. The whole contact slips to the right, and friction is at its bound t mu x^2
+(lambda + 2) / (6 (lambda + 1)). The body force is -div sigma(u), and u is prescribed on the other three sides. All data
+are proportional to t, so only the mesh causes errors. The same holds with any increasing phi(t) in place of t. At t = 1
+strains are of the order of 1, and a run warns about these strains. The picture shows a tenth of the displacements.
 
 The nodal values of u on the three sides prescribe a change of volume. This change differs from the integral of div u by
 O(h^2). The wrong volume causes an energy that is proportional to lambda: at lambda = 1e6 and h = 1/8, this energy
@@ -58,7 +58,7 @@ def traction_on_top(x, y, t, lam):
 
 
 def lame(poisson):
-    """Return Lame's constant lambda of this Poisson ratio, for mu = 1."""
+    """Return Lame's constant lambda for mu = 1."""
     return 2 * MU * poisson / (1 - 2 * poisson)
 
 

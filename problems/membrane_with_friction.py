@@ -20,23 +20,23 @@ $$ K_{ij} = A G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}
 Each vertex of a cell gets an equal part of the integral of f over the cell. The bound g is distributed in the same way.
 
 **Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
-pulled by q(t) and held by friction; there u = a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
+pulled by q(t) and held by friction, with u = a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
 step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
 Virtual elements reproduce u, because u is linear. A closed loop between q = -Q and q = Q dissipates 4 g L H (Q - g).
 
-**Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at x
-= 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length, as
-x grows. The play play_r(q) stays within r of q, and changes only if it must. With this play
+**Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
+x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
+as x grows. The play play_r(q) stays within r of q, and changes only if it must. With this play
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 
 On first loading the zone x < q/g slips, and $u = (q - g x)_+^2 / 2g$, where $(s)_+ = \max(s, 0)$. After a reversal by
-dq the zone x < dq/2g slips back, and u changes by $(dq - 2 g x)_+^2 / 4g$. Further out the friction of the first
-loading stays locked in. A closed loop of swing dq dissipates dq^3 / (12 g) per unit width. Only the second derivative
-of u jumps, so that the error in the energy norm is O(h).
+dq the zone x < dq/2g slips back, and u changes by $(dq - 2 g x)_+^2 / 4g$. At larger x the friction of the first
+loading stays. A closed loop between pulls that differ by dq dissipates dq^3 / (12 g) per unit width. Only the second
+derivative of u jumps, so that the error in the energy norm is O(h).
 
     python problems/membrane_with_friction.py --picture membrane_with_friction.png
 """
@@ -182,7 +182,6 @@ def picture(path, mesh, posed, trajectory, at):
     u, friction = solve_table_exactly(x)
     density = trajectory.multipliers[:, :, 0] / posed.measures
     free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
-    # All nodes would hide the lines.
     some, few = (np.argsort(places)[:: max(1, len(places) // 40)] for places in (free, rough))
     for k in range(1, len(TURNS)):
         left.plot(x, u[k], "k-", linewidth=1, label=None if k > 1 else "closed form")

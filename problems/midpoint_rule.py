@@ -3,8 +3,7 @@ r"""Why backward Euler: comparison with the midpoint rule, on the slip of one bl
 Let a be the elastic form, |.|_a its energy norm, and j the friction functional. The displacements whose forces friction
 can balance form the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the projection on
 C, both in the energy norm. Let u be the displacement of the body, u_l(t) its displacement under the load l without
-friction, and z = u_l - u. Quasistatic friction is a play operator. The problem and its steps of backward Euler,
-equation (2.34) of Feng, Han and Huang, are
+friction, and z = u_l - u. The problem and its steps of backward Euler, equation (2.34) of Feng, Han and Huang, are
 
 $$ u' \in N_C(z) \qquad \text{and} \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 
@@ -26,10 +25,9 @@ midpoint rule has three defects:
 
 1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
    fails at the beginning of the next step.
-2. Oscillations do not decay. P_C is firmly nonexpansive: |P x - P y|^2 <= |x - y|^2 - |(x - P x) - (y - P y)|^2. But a
-   reflection may keep all distances. Suppose that a place begins to slip inside a step of length k. At the end of this
-   step z is beyond its bound by some eta <= k |u_l'| / 2, at the end of the next step z is below its bound by eta, and
-   so on forever. From then on the order is 1.
+2. Oscillations do not decay. P_C is firmly nonexpansive, but a reflection may keep all distances. Suppose that a place
+   begins to slip inside a step of length k. At the end of this step z is beyond its bound by some eta <= k |u_l'| / 2,
+   at the end of the next step z is below its bound by eta, and so on forever. From then on the order is 1.
 3. The midpoint rule has the order 2 only where slips are smooth: where they change their direction, but neither begin
    nor end.
 

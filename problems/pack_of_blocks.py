@@ -10,8 +10,8 @@ $$ q_i = \operatorname{clip}((U - a_i^{\text{before}}) / C, \pm g_i), \qquad a_i
 
 So bearing i begins to slide at U_i = g_i C. The force on the plate, L sum q_i, is the force of springs and sliders in
 parallel (Iwan, J. Appl. Mech. 33, 1966). In the first loading it is F(U) = L sum min(U / C, g_i). After the reversal at
-U0 it is F(U0) - 2 F((U0 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where (s)_+ =
-max(s, 0). The computed solution is exact up to rounding.
+U0 it is F(U0) - 2 F((U0 - U) / 2) (Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+, where
+(s)_+ = max(s, 0). The computed solution is exact up to rounding.
 
     vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
 """

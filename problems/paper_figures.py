@@ -1,19 +1,17 @@
-"""The figures and the table of Feng, Han and Huang, Section 4, by one command: to the letter, and with our defaults.
+"""The figures and the table of Feng, Han and Huang, Section 4, by one command.
 
     python problems/paper_figures.py [--out DIR]
 
 The command draws four figures and prints their data: the meshes (Fig. 1), the tangential displacement on each mesh
 (Fig. 2), errors relative to a run with cells and time steps of 1/256 (Table 1 and Fig. 3), and the numbers of nodes of
 polygon and triangle meshes (Fig. 4). The paper's printed numbers are listed beside ours: first with the stabilisation
-S_K of (3.13) to the letter, then with 2 mu S_K, our default. The notes below the tables state the differences and their
-known causes.
+S_K of (3.13), then with 2 mu S_K, our default. The notes below the tables state the differences and their known causes.
 
-S_K to the letter has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero
-are then very soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a
-side and the time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With
-the factor 1 they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With
-24 nonconvex cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other
-slips.
+S_K has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero are then very
+soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a side and the
+time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1
+they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24 nonconvex
+cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
 
 The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
 This command prints only the deviations:

@@ -8,9 +8,9 @@ tendon, and N_0 = S H. During the first release T falls to 0, and the end draws 
 
 $$ N = \min(N_0, T + g s), \qquad \text{transfer length } N_0 / g, \qquad u_1 = N_0^2 / (2 E H g). $$
 
-The second pull Q reverses friction along the length Q / 2g, where N = Q - g s, and reduces the draw-in by Q^2 / (4 E H
-g). The second release restores u_1. In pretensioned concrete, a measured draw-in tests the anchorage (Guyon,
-*Prestressed Concrete*, 1953). The relative error of the theory of rods is O(g H / N_0).
+The second pull Q reverses friction along the length Q / 2g, where N = Q - g s, and reduces the draw-in by
+Q^2 / (4 E H g). The second release restores u_1. In pretensioned concrete, a measured draw-in tests the anchorage
+(Guyon, *Prestressed Concrete*, 1953). The relative error of the theory of rods is O(g H / N_0).
 
     vemcvx run problems/pretensioned_tendon.py --n 4 --steps 24 --plot
 """

@@ -43,7 +43,7 @@ def scene(layer=LAYER, radius=None):
 
 
 def cylinder_scene(layer=None, radius=RADIUS):
-    """Return the scene of a block pressed on a cylinder with a rough layer, or without one."""
+    """Return the scene of a block pressed on a cylinder, with or without a rough layer."""
 
     def gap(x, t):
         return x[:, 0] ** 2 / (2 * radius)

@@ -1,4 +1,4 @@
-r"""A soft seal ring in its groove: the contact pressure exceeds the sealed pressure by the pressure of the squeeze.
+r"""A soft seal ring in its groove: the contact pressure exceeds the sealed pressure.
 
 A rubber ring of rectangular section, a < r < b, is a body of revolution: x_1 is the radius r, x_2 the axial coordinate,
 and all forces are integrals over the full turn. The rod r = a and the bottom of the groove r = b - delta squeeze the

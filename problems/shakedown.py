@@ -1,4 +1,4 @@
-r"""Shakedown: up to which amplitude of a cycle does slip stop after some cycles?
+r"""Shakedown: the largest amplitude of a cycle at which slip stops after some cycles.
 
 A block (0, L) x (0, H) with the shear modulus G lies on a rough floor, from which it cannot lift. The friction bound
 grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. `vx.shakedown` computes,

@@ -1,4 +1,4 @@
-r"""A sleeve is shrunk on a tube and pushed off: friction holds it, and Poisson's effect relieves the pressure.
+r"""A sleeve is shrunk on a tube and pushed off: Poisson's effect relieves the pressure.
 
 Tube (a < r < b) and sleeve (b < r < c) are bodies of revolution of the length L: x_1 is the radius r, x_2 the axial
 coordinate z, and all forces are integrals over the full turn. Until t = 1 the hot sleeve cools on the tube, without

@@ -27,15 +27,15 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
   of the gap. So solutions are much more accurate than certified: Clarabel's error is 1.5e-13 where 6.5e-8 is certified.
   With degenerate terms Clarabel's errors are within a factor of two of the certified errors: the bound is sharp.
 - Clarabel's least certified errors are 1.0e-9 (condensed) and 3.6e-8 (full) without degenerate terms, and 1.4e-8 and
-  2.9e-8 with them. For the accuracy 1e-7 Clarabel takes 20 iterations with degenerate terms, and 11 without. On the
-  chain it reaches 1e-6; it misses 1e-8 in 54 of 117 steps, with certified errors of up to 7.0e-7. From all these
-  answers one active-set step (polish=True) leads to the solution, certified to rounding.
+  2.9e-8 with degenerate terms. For the accuracy 1e-7 Clarabel takes 20 iterations with degenerate terms, and 11
+  without. On the chain Clarabel reaches 1e-6, and misses 1e-8 in 54 of 117 steps, with certified errors of up to
+  7.0e-7. From all these answers one active-set step (polish=True) leads to the solution, certified to rounding.
 - OSQP finds the active set by its own polishing, in all four programs and at every accuracy: errors are at most 2e-14.
   On the chain OSQP reaches its limit of 100,000 iterations in some steps. OSQP misses the accuracy 1e-6 in one step and
   1e-8 in five steps, with certified errors of up to 1.5e-6. polish=True corrects these steps to rounding.
 - OSQP counts iterations in multiples of 25. The condensed program takes 100 to 700 iterations without degenerate terms,
-  and 175 to 2,975 iterations with them. The full program takes 175 to 425 iterations without degenerate terms, and 100
-  to 325 iterations with them. The accuracy 1e-10 takes 1.2 to 2.5 times as long as 1e-2.
+  and 175 to 2,975 iterations with degenerate terms. The full program takes 175 to 425 iterations without degenerate
+  terms, and 100 to 325 iterations with degenerate terms. The accuracy 1e-10 takes 1.2 to 2.5 times as long as 1e-2.
 - Newton's method reaches rounding after finitely many iterations, so a higher accuracy costs nothing.
 - In one of the two steps HiGHS 1.15 reports an answer as optimal whose error is 14 %; in the other its answer is right.
   The certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 3.8e-9 and to rounding.

@@ -58,7 +58,7 @@ def scene(friction=FRICTION, press=PRESS, drag=DRAG):
 
 
 def lines(n, growth=1.6, even=1.2):
-    """Return coordinates from 0 to `REACH`, with steps a/n up to `even` * a, and growing steps from there on."""
+    """Return coordinates from 0 to `REACH`, with steps a/n up to `even` * a, then growing steps."""
     line, step = list(CONTACT / n * np.arange(even * n)), CONTACT / n
     while line[-1] < REACH:
         step *= growth

@@ -36,10 +36,10 @@ The third system inverts the second. The inverse of a Prandtl-Ishlinskii operato
 the inverse curve of first loading. So there are elements whose stress is F if their strain is the displacement u_0 of
 the chain (:func:`inverse`). Backward Euler makes no error here as long as the input is monotone between instants.
 
-Sums of plays have three properties. *Return-point memory* (wiping out): when the input returns to an earlier turning
-point without a larger excursion, the state returns, too. The loop in between has no later effect. *Congruency*: closed
-loops between the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area.
-For the loop of force and displacement of the chain, between forces that differ by dF, the loss is
+Sums of plays have three properties. *Return-point memory*: when the input returns to an earlier turning point without a
+larger excursion, the state returns, too. The loop in between has no later effect. *Congruency*: closed loops between
+the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area. For the loop
+of force and displacement of the chain, between forces that differ by dF, the loss is
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 

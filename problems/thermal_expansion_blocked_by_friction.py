@@ -15,8 +15,8 @@ nothing moves, and the stress is -E alpha T. The end moves by
 
 $$ u_1 = \alpha T l - g l^2 / (2 E H) = E H (\alpha T)^2 / (2 g). $$
 
-During cooling, the bar slips back where s < l / 2, and N = -g s there: N falls by 2 g s. Where s > l / 2, the bar does
-not slip, and N falls by E H alpha T = g l. Both changes are equal at s = l / 2. The end returns by
+During cooling, the bar slips back where s < l / 2. In this part N = -g s: N falls by 2 g s. Where s > l / 2, the bar
+does not slip, and N falls by E H alpha T = g l. Both changes are equal at s = l / 2. The end returns by
 
 $$ \alpha T l / 2 - 2 g (l / 2)^2 / (2 E H) = E H (\alpha T)^2 / (4 g) = u_1 / 2. $$
 

@@ -1,4 +1,4 @@
-r"""A round pad pressed on a floor and twisted: it slips from its edge inwards, up to the torque 2/3 mu P R.
+r"""A round pad pressed on a floor and twisted: it slips from its edge inwards.
 
 The pad has the radius R, the height H = R/4 and the shear modulus G. The uniform pressure p acts on its top. From t = 0
 to 1 the top rotates about the axis by the angle t w. The floor is rigid, with the friction coefficient mu. With nu = 0,
@@ -57,10 +57,7 @@ initial = "settled"
 
 
 def mesh(n, family="rings"):
-    """Return n rings of 6n sectors in n/2 layers; the innermost ring is one polygonal cell.
-
-    The polygons have the areas of the circles.
-    """
+    """Return n rings of 6n sectors in n/2 layers; the innermost ring is one polygonal cell."""
     sectors = 6 * n
     widening = np.sqrt(2 * np.pi / sectors / np.sin(2 * np.pi / sectors))
     ring = vx.meshes.ring(widening * RADIUS * np.arange(1, n + 1) / n, sectors)

@@ -1,4 +1,4 @@
-"""Building blocks of the cases: the paper's block, a sheared block in closed form, and meshes made of unit squares."""
+"""Scenes of the cases: the block of Feng, Han and Huang, and a sheared block in closed form; meshes of unit squares."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def cyclic(t):
 
 
 def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", contact="bottom", plane="strain"):
-    """Return the scene of the paper's Section 4, whose load is multiplied by `course(t)`."""
+    """Return the block of Feng, Han and Huang, with the load multiplied by `course(t)`."""
 
     def pull(x, t):
         return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -41,7 +41,7 @@ def block(course=cyclic, *, young=200.0, poisson=0.3, bound=4.0, clamp="right", 
 
 
 def on(mesh, course=cyclic, *, times=TIMES, **settings):
-    """Return the setting of the paper's block on a mesh."""
+    """Return the setting of `block` on a mesh."""
     return Setting(block(course, **settings), mesh, times)
 
 

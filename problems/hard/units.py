@@ -15,7 +15,7 @@ PLAIN = voronoi(N)
 
 
 def scene(length=1.0, force=1.0):
-    """Return the paper's block; `length` multiplies lengths and `force` multiplies forces (the thickness stays 1)."""
+    """Return the block of Feng, Han and Huang; `length` multiplies lengths, and `force` multiplies forces."""
     stress = force / length
 
     def pull(x, t):
@@ -48,7 +48,7 @@ def solve_plain(name):
 
 
 def plain(history):
-    """Return a run by the solver of `history`, but in the units of the paper."""
+    """Return a run of the unscaled scene by the solver of `history`."""
     return solve_plain(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 

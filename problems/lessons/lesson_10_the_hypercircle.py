@@ -131,8 +131,8 @@ plt.close(_figure)
 _figure
 
 # %% [markdown]
-# **Question:** The bound $|u - v| \le |\delta|$ holds for *every* $\tau$ in equilibrium. When is it close to the error?
-# What is the effect of a bad $\tau$?
+# **Question:** The bound $|u - v| \le |\delta|$ holds for *every* $\tau$ in equilibrium. When is the bound close to the
+# error? What is the effect of a bad $\tau$?
 #
 # <details><summary>Answer</summary>
 #
@@ -229,8 +229,8 @@ assert min(ratios) < 1.5  # good pairs have good bounds
 #
 # ## 5. A body
 #
-# A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. They are polynomials on
-# triangles, into which every cell is split, and their tractions agree across edges. With the body force $f$ these
+# A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. We split every cell
+# into triangles, and take polynomials on triangles whose tractions agree across edges. With the body force $f$ these
 # stresses satisfy
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$

@@ -24,12 +24,12 @@ import vemcvx as vx
 #
 # $$u(K, f, w) = \max\Bigl(0, \frac{f - w}{K}\Bigr) .$$
 #
-# The answer is a function of the data. If we know whether the slider sticks or slips, the derivative takes one line:
+# The answer is a function of the data. If we know whether the slider sticks or slips, the derivative is
 #
 # $$\frac{\partial u}{\partial (K, f, w)} = \begin{cases} (0, 0, 0) & \text{sticks: } f < w, \\
 #   \bigl(-(f - w)/K^2,\; 1/K,\; -1/K\bigr) & \text{slips: } f > w. \end{cases}$$
 #
-# Below we compare this line with difference quotients, and with `vx.sensitivities`. The package needs a body: a unit
+# Below we compare this formula with difference quotients, and with `vx.sensitivities`. The package needs a body: a unit
 # square of rubber without Poisson's effect, whose top moves by $f/K$. The square is the spring, and its bottom side is
 # the slider.
 

@@ -41,7 +41,7 @@ def cell_stiffness(x, Lambda, mu, eta):
 # %% [markdown]
 # **1.** On a triangle, one linear field has the six vertex values of $v$. This field is harmonic, and linear on every
 # edge. Vertex values determine a field with these two properties. Hence $v$ is the linear field, and $\Pi v = v$. The
-# method is P1 finite elements, as the paper's Remark 4.1 says. We allow 1e-13 for rounding, as in the lesson.
+# method is P1 finite elements. We allow 1e-13 for rounding, as in the lesson.
 
 # %%
 triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])

@@ -358,7 +358,7 @@ locking(cantilever)
 # 2. Let $\eta$ be the mean of the diagonal of $\mathbb C$, which grows with $\Lambda$ (a popular recipe). How does the
 #    cantilever of squares behave for $\nu \to \tfrac12$?
 # 3. Insert a vertex in the middle of an edge of the unit square (a *hanging node*). How many independent modes with
-#    $\Pi v = 0$ are there now? Does the patch test still hold? (`hanging` above is such a mesh.)
+#    $\Pi v = 0$ are there now? Does the patch test still hold?
 # 4. The formula $\nabla \Pi v = \sum_i v_i \otimes N_i/|\omega|$ needs no system of equations. Check it against
 #    `projections`. Which of the conditions on $\Pi v$ did you use?
 # 5. Multiply all moduli by $10^6$ (MPa to Pa), and the load as well. How does $u$ change with $\eta = 2\mu$, and how

@@ -296,7 +296,7 @@ memory_picture()
 # ## Exercises
 #
 # 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. Backward Euler uses the loads at the ends of steps only,
-#    so it misses the peak if no step ends there. How large can the error of the final position be?
+#    and misses the peak if no step ends at the peak. How large can the error of the final position be?
 # 2. If the load only grows, one step or a hundred steps bring a slider to the same place. Why? Does this also hold for
 #    the chain?
 # 3. Add a damper: $K u + c\,\dot u + \lambda = f$. How do section 1 and the energy balance change?

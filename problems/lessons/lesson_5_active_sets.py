@@ -8,7 +8,7 @@
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
 # this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an
-# equation with kinks. The paper solves its steps by a related method.
+# equation with kinks. Feng, Han and Huang solve the steps by a related method.
 
 # %%
 import matplotlib.pyplot as plt
@@ -29,7 +29,7 @@ import vemcvx as vx
 #
 # $$\lambda_i = \mathrm{clip}(\hat\lambda_i, -w_i, w_i), \qquad \hat\lambda_i = \lambda_i + \gamma_i s_i .$$
 #
-# We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation says $s_i = 0$. Otherwise
+# We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation gives $s_i = 0$. Otherwise
 # $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method finds
 # the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and solves. This is an *active set*
 # iteration:
@@ -63,13 +63,13 @@ def active_sets(program, gamma, rounds=40):
 
 
 # %% [markdown]
-# Why does a repeated guess give the solution? Its $u$ and $\lambda$ solve the linear system of the guess, so all
+# Why does a repeated guess give the solution? The $u$ and $\lambda$ of the guess solve the linear system, so all
 # equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
-# **A body.** We take the paper's Section 4 on squares, with 32 nodes on the ground. The package keeps the program of
-# every step. All other nodes are eliminated from this program, so its matrix $K$ is a full matrix for 32 nodes. The
-# unknowns are the slips of these nodes in the step. So `b`, which takes the place of $u_{prev}$, is zero here. The
-# package calls the load `g`.
+# **A body.** We take the block of Feng, Han and Huang (Section 4) on squares, with 32 nodes on the ground. The package
+# keeps the program of every step. All other nodes are eliminated from this program, so its matrix $K$ is a full matrix
+# for 32 nodes. The unknowns are the slips of these nodes in the step. So `b`, which takes the place of $u_{prev}$, is
+# zero here. The package calls the load `g`.
 
 
 # %%
@@ -389,10 +389,10 @@ safeguard_picture()
 #
 # ## Exercises
 #
-# 1. At which shift does the cycle of the two blocks begin? Predict it from the table, then try.
+# 1. At which shift does the cycle of the two blocks begin? Predict this shift from the table, then try.
 # 2. Show that with one unknown and a start from rest the guesses never cycle, whatever the shift. Can they cycle from
 #    another start?
-# 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. How many guesses does it need, and why more
+# 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. How many guesses are needed, and why more
 #    than for the body? Does it help to start from the answer to 9/10 of the pull?
 # 4. Use sure steps alone on the 60 programs. How many steps does the hardest program need for a gap of 1e-6 of the
 #    energy? Which number derived from $K$ determines this?

@@ -15,7 +15,7 @@
 # where $s = u - u_{prev}$ are the slips of the step at the contact nodes, $K$ is the stiffness of the body at these
 # nodes, and $w_i$ are the friction bounds. The stresses at the start of the step balance a part of the load; $f$ is the
 # other part. (Insert $u = u_{prev} + s$ into the program of lesson 2 to see this.) In the package, $s$ is called `d`
-# and $f$ is called `g`. We take the last of eight steps of the paper's block, with eight contact nodes.
+# and $f$ is called `g`. We take the last of eight steps of the block of Feng, Han and Huang, with eight contact nodes.
 
 # %%
 import matplotlib.pyplot as plt

@@ -11,8 +11,8 @@
 # $$|u - \tilde u| \;\le\; \underbrace{|u - u_h|}_{\text{mesh}} + \underbrace{|u_h - u_{hk}|}_{\text{time steps}} +
 # \underbrace{|u_{hk} - \tilde u|}_{\text{solver}} .$$
 #
-# Reduce the largest of these errors first. All errors below are relative, in the energy norm. The body is the paper's
-# block, and $\varphi(t)$ is the course of its pull.
+# Reduce the largest of these errors first. All errors below are relative, in the energy norm. The body is the block of
+# Feng, Han and Huang, and $\varphi(t)$ is the course of its pull.
 
 # %%
 import matplotlib.pyplot as plt

@@ -194,14 +194,14 @@ assert abs(run.work[-1] - run.energy[-1] - taken - lost_by_euler) <= 1e-10 * run
 # %% [markdown]
 # ## Together with friction
 #
-# We put the dashpots on the pulled side of the paper's block, and pull at several speeds. Without dashpots the *speed
-# does not matter* (lesson 4): the same load leads to the same displacement, in all bits, because the speeds below are
-# powers of two. With dashpots the speed matters. Each step is certified as before.
+# We put the dashpots on the pulled side of the block of Feng, Han and Huang, and pull at several speeds. Without
+# dashpots the *speed does not matter* (lesson 4): the same load leads to the same displacement, in all bits, because
+# the speeds below are powers of two. With dashpots the speed matters. Each step is certified as before.
 
 
 # %%
 def block(speed, *more):
-    """Run the paper's block with the effects `more`; the final load is the same for every speed."""
+    """Run the block with the effects `more`; the final load is the same for every speed."""
 
     def pull(x, t):
         return speed * t * np.column_stack([8 * (1.25 - x[:, 1]), np.full(len(x), -0.01)])

@@ -11,8 +11,8 @@
 # $$P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i |s_i| .$$
 #
 # This lesson computes the forces $\lambda_i$ of friction first. Each $|\lambda_i|$ is at most $w_i$, and the rest of
-# the load $f$ moves the body. We take the eight contact nodes of the paper's block again, in a step in which some nodes
-# slip and some stick.
+# the load $f$ moves the body. We take the eight contact nodes of the block of lesson 6 again, in a step in which some
+# nodes slip and some stick.
 
 # %%
 import cvxpy as cp
@@ -52,7 +52,7 @@ assert 0 < np.count_nonzero(step.answer.d) < len(f)
 # the flexibility $K^{-1}$. If $f$ lies in the box, friction carries the whole load, and nothing moves. Otherwise the
 # rest $f - \lambda$ moves the body.
 #
-# The dual has no kinks and no displacements. In cvxpy it takes three lines.
+# The dual has no kinks and no displacements. In cvxpy the dual takes three lines.
 
 # %%
 forces = cp.Variable(len(f))
@@ -112,8 +112,8 @@ assert best <= above(s) + rounding
 #
 # $$\lambda = \mathrm{clip}(f, -w, w), \qquad K s = f - \lambda = \mathrm{sign}(f)\,(|f| - w)_+ .$$
 #
-# The two functions are the projection onto an interval and the *soft threshold* of statistics. With many nodes $K$
-# couples the thresholds, and the work of friction is
+# The two functions of $f$ are the projection onto an interval and the *soft threshold* of statistics. With many nodes
+# $K$ couples the thresholds, and the work of friction is
 #
 # $$\lambda^T s = \sum_i w_i |s_i| .$$
 
@@ -157,7 +157,8 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # and *every* iteration multiplies the error of the forces by $q$ or less. (Lesson 5 has the same $\rho$: one over the
 # Lipschitz constant of the gradient, $|K^{-1}| = 1/\kappa_1$.)
 #
-# Nesterov's acceleration takes one more line. It gains little on coarse meshes, and more on fine meshes (exercise 3).
+# Nesterov's acceleration takes one more line. Acceleration gains little on coarse meshes, and more on fine meshes
+# (exercise 3).
 
 # %%
 least, *_, largest = np.linalg.eigvalsh(K)
@@ -265,8 +266,8 @@ _figure
 # Newton's method needs the entries of $K$: it solves a system with the block of $K$ for the slipping nodes, and this
 # block changes in every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every
 # iteration. So Uzawa's method is the better choice where $K$ is too large to be factorised. An iterative solver of the
-# linear problems can then start from the last solution. Uzawa's method also works with an elastic code that is a black
-# box and returns displacements for loads. Uzawa's method also works with measured flexibilities, without $K$.
+# linear problems can then start from the last solution. Uzawa's method also works with an elastic code that returns
+# displacements for loads, and with measured flexibilities.
 #
 # </details>
 #

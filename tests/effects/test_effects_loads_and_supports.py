@@ -69,7 +69,7 @@ def test_a_pressure_is_the_traction_along_the_inward_normal(family, degrees):
 
 @pytest.mark.parametrize("many", [False, True])
 def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
-    """Two forces F / 2 at the corners of one cell act like the uniform traction F / H: u_x = F x / (E H)."""
+    """Two forces F / 2 at the corners of a side of height H act like the traction F / H: u_x = F x / (E H)."""
     mesh = vx.meshes.squares((6, 1), box=BOX)
     corners = [(LENGTH, 0.0), (LENGTH, HEIGHT)]
     force = 8.0

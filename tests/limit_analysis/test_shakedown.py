@@ -18,7 +18,7 @@ GAP = 5e-9
 
 
 def stretch(factor, dim=2):
-    """Return opposite tractions on the right and left side, which vary like a sine."""
+    """Return opposite sinusoidal tractions on the right and left side."""
     pull = np.array([3.0, 0.4, -0.8][:dim]) * factor
     return [
         vx.Traction(lambda x, t, sign=sign: np.tile(sign * pull * np.sin(2 * np.pi * t), (len(x), 1)), on=side)

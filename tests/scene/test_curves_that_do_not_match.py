@@ -11,7 +11,7 @@ INNER, JOINT, OUTER = 1.0, 1.6, 2.4
 
 
 def ring(inside, outside, cells, turn):
-    """Return a ring, or its sector between the angles 0 and `turn`."""
+    """Return the sector of a ring between the angles 0 and `turn`."""
     radii = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1)
     return vx.meshes.ring(radii, cells, angles=(0.0, turn))
 
@@ -69,7 +69,7 @@ def test_straight_sides_with_hanging_nodes_keep_their_normals(lean):
 
 
 def test_the_boundary_of_a_round_cell_is_not_straight():
-    """The arc belongs to one cell. The angles between its edges are small, but they add up to a right angle."""
+    """The edges of one cell form an arc. Small angles between edges add up to a right angle."""
     angle = np.linspace(0, np.pi / 2, 201)
     points = np.vstack([np.column_stack([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
     mesh = vx.PolygonMesh(points, [list(range(202))]).with_boundary("arc", lambda x: np.hypot(*x.T) > 0.9)

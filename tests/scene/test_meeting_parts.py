@@ -58,7 +58,7 @@ def test_a_side_divided_into_two_parts_acts_as_one_side(family, pair):
     mesh = floor(family)
     one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
     size = np.abs(one.displacement).max()
-    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in the energy norm, pressures to 1e-6.
+    # The runs add weights in different orders. Coulomb's law is solved to 1e-8 in the energy norm.
     loose = 1e-6 if "Coulomb" in pair else 1e-11
     assert np.abs(one.displacement - two.displacement).max() <= loose * size
     for name in FIELDS:

@@ -15,7 +15,7 @@ MESH = vx.meshes.squares(6)
 
 
 def loop(theta):
-    """Press a block onto rough ground, then push its top to and fro."""
+    """Return the scene of a block on rough ground, pushed to and fro."""
     young, poisson, friction = theta
     move = vx.PrescribedDisplacement(lambda x, t: [0.03 * np.sin(2.0 * np.pi * t), -0.01 * min(4.0 * t, 1.0)], on="top")
     rough = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(friction, on="bottom")
@@ -78,14 +78,14 @@ def hats(x):
 
 
 def joint(theta):
-    """Pull a strip over ground with a variable friction bound."""
+    """Return the scene of a strip on ground with a variable friction bound."""
     pull = vx.Traction(lambda x, t: [1.2 * t, 0.0], on="right")
     rough = vx.BilateralContact(on="bottom"), vx.TrescaFriction(lambda x, t: hats(x) @ theta, on="bottom")
     return vx.Scene(vx.Elasticity(10.0, 0.0), pull, vx.Symmetry(on="left"), *rough)
 
 
 def gripped(theta):
-    """Push a pressed block over ground with a variable coefficient of friction."""
+    """Return the scene of a block on ground with a variable coefficient of friction."""
     move = vx.PrescribedDisplacement(lambda x, t: [0.02 * t, -0.01], "top")
     rough = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(lambda x, t: hats(x) @ theta, on="bottom")
     return vx.Scene(vx.Elasticity(200.0, 0.3), move, *rough)

@@ -57,7 +57,7 @@ def stressed(v, w):
 
 
 def vector(force):
-    """Return force(x, y, t), two components, as a function of points (m, 2) and t."""
+    """Return force(x, y, t) as a function of points (m, 2) and t."""
     return lambda x, t: np.column_stack([f + 0 * x[:, 0] for f in force(x[:, 0], x[:, 1], t)])
 
 

@@ -22,7 +22,7 @@ ANCHORED = 256
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force."""
 EXACT = 2.0**-160
-"""Relative error of exact distances, which are roots of energies computed with 512 bits."""
+"""Relative error of exact distances."""
 UPPER = 1 + 1e-9
 """Factor for the rounding of bounds and errors in doubles."""
 
@@ -229,7 +229,7 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
 
     E is the stored energy, and a(u, u) / 2 is the elastic energy. Contact has the pressure p and the compliance c. The
     normal displacement minus the gap is z. The letter d marks increments. A residual r and a duality gap change the
-    balance by r . du + gap. Given states of runs with viscosity have no stored pressures.
+    balance by r . du + gap. In runs with viscosity, prescribed initial states have no pressures.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

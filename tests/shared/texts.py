@@ -30,7 +30,7 @@ def cells(text: str) -> list[str]:
 
 
 def files(text: str) -> dict[str, str]:
-    """Return the contents of the files that a page shows, by their captions."""
+    """Return the files that a page shows, by caption."""
     shown = r"^```\{code-block\} \w+\n:caption: (.+)\n(?::.*\n)*\n((?:.*\n)*?)```$"
     return dict(re.findall(shown, text, re.MULTILINE))
 

@@ -64,7 +64,7 @@ class BilateralContact(Effect):
 
 @dataclass(frozen=True)
 class PrescribedSlip(Effect):
-    """A closed fault with given slip: the jump of u is `value` along an interface, and 0 across the interface.
+    """A closed fault: the jump of u is `value` along an interface, and 0 across the interface.
 
     `history.reaction(on)` is the force along the fault, which causes the slip. `history.force(on)` is the force across
     the fault. On the same interface, TrescaFriction acts against the slip, and CoulombFriction is refused.

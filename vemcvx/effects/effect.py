@@ -175,7 +175,7 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class Friction(ContactSurface):
-    """Norm terms w_i(t) |(I - n n')(v - v_prev)(node_i)| with normals n, one per row.
+    """Friction terms w_i(t) |(I - n n')(v - v_prev)(node_i)| at nodes with normals n.
 
     Here v is u minus the displacement of the ground, and v_prev is v at the previous instant.
 
@@ -267,7 +267,7 @@ class Friction(ContactSurface):
 
 @dataclass(frozen=True)
 class Obstacle(ContactSurface):
-    """Limits n . u(node_i) <= gap_i(t) with normals n, one per row. Compliant obstacles penalise the excess.
+    """Limits n . u(node_i) <= gap_i(t) at nodes with normals n. Compliant obstacles penalise the excess.
 
     Attributes
     ----------

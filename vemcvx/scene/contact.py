@@ -123,7 +123,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 
 
 # Friction rows with the same node, normal and kind (`_kinds`) form one term. Row weights add up to term weights.
-# The matrix B^ maps nodal displacements to slips. Over free unknowns, it is B = B^ P.
+# The matrix B^ maps nodal displacements to slips. The matrix over free unknowns is B = B^ P.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene. The first `acting` terms depend on free unknowns."""

@@ -2,7 +2,7 @@
 
 A row at a node i is n . u(i) against an obstacle. Against a *partner* node j on another body, the row is
 n . (u(i) - u(j)). Here n is the outward normal at i, or a tangent. The *jump* is u(i) or u(i) - u(j). The *ends* of a
-row are the contact edges or faces at i. The length of an end is the integral of the basis function of i over the end.
+row are the contact edges or faces at i. The length of an end is the integral of a nodal basis function.
 """
 
 from __future__ import annotations

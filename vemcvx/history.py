@@ -52,7 +52,7 @@ class History(Results, Outlined):
         Relative energy errors of an adaptive run: "algebra", "space", "time", "total" (the sum), "target" (requested).
     bound : dict or None
         With ``simulate(..., bound=True)``: bounds "lower" and "upper" on the mesh error of one step in the energy norm,
-        given the step before (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
+        from the state before (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
         "upper" / (largest energy norm). "reading": the estimated part of "upper". "kind": as in `ErrorBound`.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
@@ -105,7 +105,7 @@ class History(Results, Outlined):
         point, normal : (dim,)
             A point of the plane (of the line in a plane body), and a normal, which points ahead.
         on : str or sequence of str, optional
-            Names of cell data, such as names of bodies. Cells are included if one of these data is nonzero.
+            Names of cell data, such as names of bodies. Only cells with a nonzero datum are included.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class History(Results, Outlined):
         Raises
         ------
         SceneError, HistoryError
-            The plane does not cut these cells, an argument is invalid, the body is viscous or a body of revolution, or
+            The plane does not cut the cells, an argument is invalid, the body is viscous or a body of revolution, or
             the stabilisation is unknown after reading files.
 
         Examples
@@ -131,12 +131,12 @@ class History(Results, Outlined):
         return section(self, point, normal, on)
 
     def mean(self, field: str = "stress", on: str | Sequence[str] | None = None) -> Floats:
-        """Return the mean (S, ...) of a field over the body, or over some of its cells.
+        """Return the mean (S, ...) of a field over the body, or over some cells.
 
         Parameters
         ----------
         field : str
-            As for `probe`. A displacement is averaged as its projection Pi u, which is linear on each cell.
+            As for `probe`. The mean of a displacement u is the mean of the projection Pi u.
         on : str or sequence of str, optional
             As for `section`: names of cell data.
 
@@ -178,7 +178,7 @@ class History(Results, Outlined):
         return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
-        """Return the convex program of step `n` as it was solved, with the solution and its certificate.
+        """Return the convex program of step `n`, with the solution and the certificate.
 
         :func:`vemcvx.programs` yields the programs of all steps with one factorisation.
 
@@ -192,7 +192,7 @@ class History(Results, Outlined):
         Raises
         ------
         HistoryError
-            There is no step `n`, the state before or after it was not stored, or the history has no scene.
+            There is no step `n`, the state before or after the step was not stored, or the history has no scene.
         """
         return next(programs_of_steps(self, [n], condense))
 
@@ -236,7 +236,7 @@ def read_history(folder: str | Path) -> History:
     Raises
     ------
     HistoryError
-        There is no such folder, no history in it, or the history is damaged or of another format.
+        The folder contains no history, or the history is damaged or of another format.
 
     Examples
     --------
@@ -251,7 +251,7 @@ def read_history(folder: str | Path) -> History:
 def joined(histories: Sequence[History]) -> History:
     """Join the histories of stages into one history.
 
-    A stage is a run that begins where the run before it ended: ``simulate(scene2, mesh, times2, initial=history1)``.
+    A stage begins at the end of the previous stage: ``simulate(scene2, mesh, times2, initial=history1)``.
     Slip, wear, work and dissipated energy add up over the stages. Bounds and estimated errors are left out.
 
     Parameters
@@ -266,7 +266,7 @@ def joined(histories: Sequence[History]) -> History:
     Raises
     ------
     HistoryError
-        An item is no history, or does not continue the history before it.
+        An item is no history, or does not continue the previous history.
 
     Examples
     --------

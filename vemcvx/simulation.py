@@ -61,7 +61,7 @@ def simulate(
     resume: bool = False,
     bound: bool = False,
 ) -> History:
-    """Simulate a scene on a mesh by backward Euler, every step certified.
+    """Simulate a scene on a mesh by backward Euler, with a certificate of every step.
 
     Certificates bound the algebraic error of each step; :func:`vemcvx.error_budget` estimates the other errors.
 
@@ -91,7 +91,7 @@ def simulate(
     stream : path, optional
         A folder for the stored steps: for histories larger than memory, and runs that may be interrupted.
     resume : bool
-        True: continue the run in the folder `stream` from its last stored step. False: replace that run.
+        True: continue the run in the folder `stream`. False: replace the run.
     bound : bool
         Bound the mesh error of every step from both sides (:func:`vemcvx.error_bound`). All steps must be stored.
 
@@ -108,7 +108,7 @@ def simulate(
     NotCertified
         The certificate of a step exceeds the solver's accuracy.
     HistoryError
-        `stream` cannot be written to, another run writes there, or it holds a run of another problem.
+        `stream` cannot be written to, is in use by another run, or contains a run of another problem.
 
     Examples
     --------
@@ -283,7 +283,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        The vectors u_0 at points x (m, dim), for t = times[0]. At supports, u_0 must obey their conditions.
+        The vectors u_0 at points x (m, dim), for t = times[0], in agreement with all supports.
     settle : bool
         False: omit this step, as Theorem 3.10 allows, and begin at P^h u_0. The certificate of the initial state is
         then the relative energy norm of this step. Scenes with Viscosity always begin at P^h u_0.
@@ -367,7 +367,6 @@ def _continue(history: Results, posed: PosedScene, times: Floats) -> Continued:
 
 
 def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
-    """Return the free unknowns of displacements; raise SceneError for contradictions to supports."""
     t, points, resting = float(times[0]), posed.space.mesh.points, posed.at_rest(u.ravel())
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)

@@ -59,7 +59,7 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 def in_a_process(code: str) -> dict:
     """Run code in a new process, and return the dictionary `out` with the peak memory in GB."""
-    # VmHWM is the peak of this process. In contrast, ru_maxrss may be the peak of the parent.
+    # Unlike VmHWM, ru_maxrss may be the peak of the parent process.
     peak = (
         "\nimport json\n"
         "status = dict(line.split(':', 1) for line in open('/proc/self/status'))\n"

@@ -36,7 +36,7 @@ def seconds_here() -> float:
 
 
 def peak() -> str:
-    """Return the peak memory of this rank in words."""
+    """Return the peak memory of this rank as text."""
     return f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB at most"
 
 

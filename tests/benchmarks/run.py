@@ -1,4 +1,4 @@
-"""Measure times and reference times side by side; print their ratios, and write a CSV file and a picture.
+"""Measure times and reference times, print ratios, and write a CSV file and a picture.
 
 python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--page]
 """

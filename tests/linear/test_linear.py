@@ -1,4 +1,4 @@
-"""Linear solvers: their conformance suite, memory, and user-defined classes."""
+"""Linear solvers: conformance suite, memory, and user-defined classes."""
 
 import os
 import subprocess

@@ -43,7 +43,7 @@ def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, lin
 
 
 def test_small_loads_on_soft_bodies_are_not_taken_for_rounding():
-    """The stiff chain has the stiffness 1e16 and a load of about t. The soft chain has 1 and 1e-15 t^2."""
+    """The load is about t on a chain of stiffness 1e16, and 1e-15 t^2 on a chain of stiffness 1."""
     chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     K, B = np.zeros((8, 8)), np.zeros((1, 8))
     K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0

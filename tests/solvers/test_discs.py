@@ -48,7 +48,7 @@ def draw_program(seed, kind):
 
     "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen orders. "none": a third
     of the weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns.
-    "edge": slips are 1e-14 to 1e-3, or zero with multipliers on their bounds.
+    "edge": slips are 1e-14 to 1e-3, or zero with multipliers on the bounds.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     m = int(rng.integers(1, 14))

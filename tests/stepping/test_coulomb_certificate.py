@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider. At t = 1, the slip is u = 3.5 - w(p) under the pressure p = 1 + .9 u."""
+    """Return a slider with the pressure p = 1 + .9 u and, in slip, the displacement u = 3.5 - w(p) at t = 1."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)

@@ -14,7 +14,7 @@ STEEP = 1e6
 
 
 def lifted(while_closed=None, lift=5.0):
-    """Return the scene of a clamped block that is pressed, then lifted and dragged at its free end."""
+    """Return the scene of a clamped block that is pressed, then lifted and dragged at the free end."""
 
     return vx.Scene(
         vx.Elasticity(200.0, 0.3),

@@ -76,7 +76,7 @@ def rising(x, t):
 
 
 def on_a_moving_floor(obstacle, *more):
-    """Return the scene of a block whose top moves, over an obstacle that pushes it from below."""
+    """Return the scene of a block over an obstacle. The top of the block moves."""
     return vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: [0.01 * t, -0.02 * t], on="top"),

@@ -82,7 +82,6 @@ def check_answer(program, history, n):
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_answer_of_a_run_solves_its_programs(name, condense):
-    """Programs from stored states equal programs from steps."""
     scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.squares(4)
     history = vx.simulate(scene, mesh, TIMES)
     scale = history.trajectory.norm.max()

@@ -110,7 +110,7 @@ def judge(seed):
     y, total, rules = objective(system, before[0], t[1], t[1] - t[0], potential, parts)
     problem = cp.Problem(cp.Minimize(total), rules)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Clarabel may miss its accuracy.
+        warnings.simplefilter("ignore")  # Clarabel may miss the accuracy.
         best = problem.solve(solver="CLARABEL")
     if problem.status != "optimal":
         return False

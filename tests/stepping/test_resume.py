@@ -1,4 +1,4 @@
-"""Runs that are interrupted or killed keep their completed steps and can be resumed."""
+"""Interrupted runs keep completed steps, and can be resumed."""
 
 import os
 import subprocess

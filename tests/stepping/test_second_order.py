@@ -50,7 +50,7 @@ def test_friction_work_under_a_law_of_earlier_slip_is_of_second_order(viscous):
     wears = Law(lambda t, p, past, slip: np.exp(-past / d), softening=0.0)
     move = vx.PrescribedDisplacement(lambda x, t: [way * t, 0.0], on="top")
     level = vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0))
-    # The block is so stiff that its slip equals its displacement up to 1e-6.
+    # The block is stiff: slip and displacement agree to 1e-6.
     steel = (vx.Elasticity(1e6, 0.3), *([vx.Viscosity(1e-3, 1e-3)] if viscous else []))
     scene = vx.Scene(*steel, move, level, vx.BilateralContact(on="bottom"), wears)
     truth, errors = d * (1 - np.exp(-way / d)), []

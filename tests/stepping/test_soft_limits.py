@@ -24,7 +24,7 @@ def squares(n):
 
 
 def pressed(k, *effects, push=0.05):
-    """Return the scene of a block on soft ground, with springs of stiffness k at its left side."""
+    """Return the scene of a block on soft ground, with springs of stiffness k on the left side."""
 
     def traction(x, t):
         return np.column_stack([np.full(len(x), push * t), -0.5 * (1 + t) * (1 + 0.3 * x[:, 0])])

@@ -213,7 +213,7 @@ def test_sliders_change_numbers_and_picture_in_a_browser(ran, address, tmp_path)
         browser.get(address)
         first = shown((None, []))
         assert first[1][:2] == expected(found["history"], app.STEPS)
-        # The page has its controls twice, once for narrow windows.
+        # The page has all controls twice, once for narrow windows.
         sliders = [host.find_element("css selector", "[role=slider]") for host in browser.execute_script(SLIDERS)]
         step, *settings, _ = [slider for slider in sliders if slider.is_displayed()]
         step.send_keys(Keys.ARROW_LEFT)

@@ -223,14 +223,14 @@ def choice(raw: Any, subject: str, name: str, words: Sequence[str], error: type[
 
 
 def instance(raw: Any, kinds: type | tuple[type, ...], found: str, wanted: str) -> Any:
-    """Return `raw`; raise SceneError unless it is None or an instance of `kinds`."""
+    """Return `raw`, None or an instance of `kinds`, or raise SceneError."""
     if raw is not None and not isinstance(raw, kinds):
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
     return raw
 
 
 def function(raw: Any, found: str, wanted: str) -> Any:
-    """Return `raw`; raise SceneError unless it is None or a function."""
+    """Return `raw`, None or a function, or raise SceneError."""
     return instance(raw, Callable, found, wanted)  # type: ignore[arg-type]
 
 
@@ -245,7 +245,7 @@ def check_takes(function: Callable[..., object] | None, count: int, subject: str
 
 
 def call_function(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str, wanted: str) -> Any:
-    """Call a user's function with read-only arrays; raise SceneError if it fails."""
+    """Call a user's function with read-only arrays; raise SceneError if the function fails."""
     try:
         return function(*(read_only(x.view()) if isinstance(x, np.ndarray) else x for x in arguments))
     except VemcvxError:
@@ -256,7 +256,7 @@ def call_function(function: Callable[..., Any], arguments: tuple[Any, ...], fail
 
 
 def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
-    """Return data(t), or `data` if it is not a function; raise SceneError if the function fails."""
+    """Return data(t) or constant `data`; raise SceneError if the function fails."""
     if not callable(data):
         return data
     failed = f"{subject}: its function failed when called as f(t) with t = {t:.6g}"

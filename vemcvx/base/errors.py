@@ -9,7 +9,7 @@ from warnings import WarningMessage, catch_warnings, simplefilter
 
 @contextmanager
 def quietly() -> Iterator[list[WarningMessage]]:
-    """Suppress warnings inside the block and yield the list of these warnings."""
+    """Record warnings inside the block without showing them."""
     with catch_warnings(record=True) as warned:
         simplefilter("always")
         yield warned
@@ -29,7 +29,7 @@ class VemcvxError(Exception):
 
 
 class MeshError(VemcvxError):
-    """The mesh is not valid, or its file does not contain a valid mesh."""
+    """The mesh or the mesh file is not valid."""
 
 
 class MeshWarning(UserWarning):

@@ -114,7 +114,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock an open file; raise HistoryError if another process uses it."""
+    """Lock an open file; raise HistoryError if another process uses the file."""
     try:
         if sys.platform == "win32":
             import msvcrt

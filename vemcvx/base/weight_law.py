@@ -1,4 +1,4 @@
-"""Laws of friction. The weight w of a node is its largest possible friction force.
+"""Laws of friction. The weight w of a node is the largest possible friction force.
 
 Tresca's law prescribes the weights. Coulomb's law w = mu p computes weights from the normal forces p. Other laws use
 earlier slips, the slip s of the step, or the slip rate |s| / k, where k is the duration of the step. If weights depend
@@ -35,13 +35,13 @@ class Law:
         Weights >= 0 for normal forces p >= 0. `past` (m,) is the sum of |slip| over earlier steps; `slip` (m,) is
         |slip| of the step.
     softening : number or (m,) array, optional
-        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. If it is
-        None, no check is made that a step has one solution (:mod:`vemcvx.stepping.refusals`).
+        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. If None, no
+        check is made that a step has one solution (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
         True if weights depend on normal forces; an effect then needs one-sided contact on the same boundary. If False,
         an effect gets an empty array p.
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
-        The derivative dw/dp; at kinks, the derivative towards larger p. Omit it if weights depend on `slip`.
+        The derivative dw/dp; at kinks, the derivative towards larger p. Omit `slope` if weights depend on `slip`.
     slips : bool
         True if weights depend on `past` or `slip`. If False, `past` and `slip` are empty in effects, zero in systems.
     rates : bool

@@ -19,7 +19,7 @@ Matrix = Floats | sp.csr_matrix
 """Matrix of a program: dense if the program is condensed, else sparse."""
 
 SAMPLES = 8
-"""Number of samples b (random vectors, or rows of a matrix) from which energies b'K^{-1}b are estimated."""
+"""Number of samples in estimates of energies."""
 CHUNK_SIZE = 2**25
 """Largest number of entries (256 MB) in one batch of right-hand sides."""
 
@@ -72,8 +72,8 @@ def chunks(count: int, n: int) -> Iterator[slice]:
 class LinearSolver(ABC):
     """The settings of a linear solver.
 
-    A run factorises K once. With viscosity, a run factorises once for every step length. If `eliminates` is True, the
-    run calls `eliminate` and condenses programs to the unknowns of contact and friction, else `factorise`.
+    A run factorises K once. With viscosity, a run factorises once for every step length. The run calls `eliminate` if
+    `eliminates` is True, else `factorise`.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class LinearSolver(ABC):
         Parameters
         ----------
         near_kernel : (n, k) array, optional
-            Motions of little energy, such as rigid motions. Iterative solvers need them.
+            Motions of little energy, such as rigid motions, for iterative solvers.
 
         Returns
         -------

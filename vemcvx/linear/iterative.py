@@ -102,7 +102,7 @@ class PyAMGFactor(IterativeFactor):
         from pyamg import smoothed_aggregation_solver
 
         sweeps = [("gauss_seidel", {"sweep": sweep}) for sweep in ("forward", "backward")]
-        # PyAMG draws from NumPy's global generator: seed it for repeatable runs, then restore it.
+        # PyAMG uses NumPy's global generator. Runs must be repeatable.
         shared = np.random.get_state()  # noqa: NPY002
         np.random.seed(0)  # noqa: NPY002
         try:
@@ -130,8 +130,8 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
 
     Let xi be the smallest Ritz value after k steps from a random direction. All eigenvalues are at least
     1 - (1 - xi) / (1 - eps), except with a probability below p = 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and
-    Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). Our direction is random in the Euclidean inner
-    product, which multiplies p by the root of the condition number of M. We choose eps such that 1e8 p = 1e-9.
+    Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). The root of the condition number of M multiplies p,
+    because our direction is random in the Euclidean inner product. We take 1e8 for the root, and eps with 1e8 p = 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

@@ -138,7 +138,7 @@ class Ranks:
             self.comm.send(call, dest=rank, tag=CALL)
 
     def set_up(self, n: int, K: sp.csr_matrix | None = None, motions: Floats | None = None) -> None:
-        """Replace the distributed matrix by K, and build its hierarchy."""
+        """Replace the distributed matrix by K, and build the multigrid hierarchy."""
         for one in self._objects:
             one.destroy()
         petsc, comm = self._petsc, self.comm
@@ -185,7 +185,6 @@ class Ranks:
         return whole.getArray().copy() if self.comm.rank == 0 else None
 
     def _own_rows(self, rows: Any, ends: list[int]) -> Any:
-        """Return this rank's rows of a matrix or array that rank 0 holds."""
         if self.comm.rank > 0:
             return self._large.recv(source=0, tag=BLOCK)
         for rank in range(1, self.comm.size):
@@ -207,7 +206,7 @@ def all_ranks() -> Ranks:
 
 
 def serve() -> bool:
-    """Serve rank 0 until it ends, then return True; on rank 0 itself, return False at once.
+    """Return False on rank 0. On other ranks, serve rank 0 until the end, and return True.
 
     Examples
     --------

@@ -68,7 +68,7 @@ class SuperLUFactor(Factor):
             raise singular_matrix_error()
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # Empty L and U to free memory: SciPy keeps these copies of the factors.
+        # SciPy keeps the copies L and U of the factors: empty both to free memory.
         for kept in (L, U):
             kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)
@@ -114,5 +114,5 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     _, first = np.frexp((part[tail] ^ part[head])[differ].astype(float))
     height = np.zeros(n, dtype=np.int64)
     np.maximum.at(height, tail[differ], first)
-    # Each separator comes after the parts that it separates.
+    # Separators come after the parts on both sides.
     return np.lexsort((height, part | ((1 << height) - 1)))

@@ -1,4 +1,4 @@
-"""The convex program of a step, with its condensation, scaling and certificate.
+"""The convex program of a step: condensation, scaling and certificate.
 
 Authors of solvers need `Operators`, `StepProgram`, `Answer`, and the names of features.
 """

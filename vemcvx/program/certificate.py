@@ -7,7 +7,7 @@ $z = D d - e$ and $r = g - B' \lambda - D' p - K d$ let
 $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 + \sum_j \Big( \frac{(z_j)_+^2}{2 c_j} + \frac{c_j p_j^2}{2} - p_j z_j \Big) . $$
 
-Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|e|_K^2 = e' K e$. If $K$ has a kernel $N$, this is a
+Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|v|_K^2 = v' K v$. If $K$ has a kernel $N$, $|v|_K$ is a
 seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
 Theorem 2: for any vector $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ at $d - v$. If $d - v$ obeys the
@@ -55,7 +55,7 @@ class Certificate(ArrayRecord):
     moved : float
         2 |v|_K for theorem 2. `friction` and `limits` are then values at d - v.
     given_friction : bool
-        True if weights depend on pressures or fall with slip. The bound then holds for the weights at this answer.
+        True if weights depend on pressures or fall with slip. The bound then holds for the weights at the answer.
 
     Examples
     --------

@@ -263,7 +263,6 @@ class Operators(ArrayRecord):
         return energies
 
     def _estimate_energies(self, rows: sp.csr_matrix) -> Floats:
-        """Return estimates of b'K^{-1}b for all rows b."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.regular.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         energies = self.factor.energies_of_columns(np.ascontiguousarray(rows[some].toarray().T))

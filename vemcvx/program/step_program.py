@@ -1,14 +1,13 @@
-"""The convex program of a step, (2.34) of the paper.
-
-The unknown is the increment d = y - y_prev of a system's unknowns y.
+"""The convex program of a step, (2.34) of the paper, for the increment d = y - y_prev of the unknowns y.
 
     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e
     solution  K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
 K is the stiffness matrix, and g = load(t_n) - K y_prev is the unbalanced force of y_prev under the new load. Norm term
-i resists the slip s_i by the force lam_i, up to the weight w_i. A term of infinite weight always sticks: s_i = 0, and
-lam_i is free. *Limit* j has the force p_j and the compliance c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
+i resists the slip s_i by the force lam_i, up to the weight w_i. Supports and the ground prescribe b_i. A term of
+infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the force p_j, the gap e_j and the compliance
+c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class StepProgram(ArrayRecord):
     """The program of one step: its data, and the operators that all steps share.
 
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If limit j has a compliance c_j > 0, the
-    energy (D_j d - e_j)_+^2 / (2 c_j) replaces its bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
+    energy (D_j d - e_j)_+^2 / (2 c_j) replaces the bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
     p >= 0.
 
     Parameters
@@ -216,7 +215,6 @@ class StepProgram(ArrayRecord):
         return d, *self.multipliers(d, lam, p)
 
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None, lawful: bool) -> tuple[Floats, Floats]:
-        """Return lam (m, block) and p (r,), computed from d."""
         operators, rows, c = self.operators, len(self.b), self.operators.compliance
         x = np.append(np.zeros(rows) if lam is None else lam, np.zeros(len(c)) if p is None else p)
         free = np.repeat([lam is None, p is None], [rows, len(c)])
@@ -284,7 +282,7 @@ class StepProgram(ArrayRecord):
         return self.certificate_at(d, lam, p).gap
 
     def _certify_after_move(self, d: Floats, lam: Floats, p: Floats, plain: Certificate) -> Certificate:
-        """Return the certificate by theorem 2, with a move that removes tiny slips and excesses."""
+        """Return the certificate by theorem 2 (:mod:`vemcvx.program.certificate`)."""
         operators, s, z, (slips, lacks) = self.operators, self.slip(d), self.excess(d), self.zero_levels(d)
         met, size = operators.compliance * p, lengths(s)
         near = ((p > 0) | (z > 0)) & (np.abs(z - met) <= lacks)
@@ -318,7 +316,7 @@ class StepProgram(ArrayRecord):
         Returns
         -------
         CvxpyStep
-            Has `problem`, the variable `d`, and the multipliers `lam` and `p` with the signs of this class.
+            The `problem`, the variable `d`, and the multipliers `lam` and `p` with the signs of this class.
 
         Raises
         ------
@@ -353,7 +351,6 @@ class StepProgram(ArrayRecord):
         return moved
 
     def _project_onto_limits(self, d: Floats, rigid: Ints) -> Floats:
-        """Return increments that obey the `rigid` limits, by projections in the energy norm."""
         from scipy.optimize import nnls
 
         rows = np.zeros(0, dtype=np.int64)
@@ -384,7 +381,7 @@ class Answer(ArrayRecord):
     lam : (m, block) array
         Multipliers of the norm terms, K d = g - B'lam - D'p.
     iterations : int
-        Number of iterations, as the solver counts them.
+        Number of iterations.
     status : str
         The solver's status, for messages.
     p : (r,) array

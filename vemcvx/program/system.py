@@ -286,7 +286,7 @@ class Damping(ArrayRecord):
 
 @dataclass(frozen=True, repr=False)
 class System(ArrayRecord):
-    """A stiffness matrix K with its load, norm terms and limits.
+    """A stiffness matrix K with a load, norm terms and limits.
 
     Parameters
     ----------

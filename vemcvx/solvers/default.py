@@ -43,7 +43,6 @@ def as_solver(given: Solver | Solves) -> Solver:
 
 
 def _features(accepts: Any, name: str) -> frozenset[str]:
-    """Return the features that a solver accepts. Raise SceneError for unknown features."""
     several = isinstance(accepts, (set, frozenset, list, tuple))
     if not several or not all(isinstance(x, str) and x in FEATURES for x in accepts):
         there_are = ", ".join(map(repr, sorted(FEATURES)))
@@ -128,7 +127,7 @@ class RunSolver:
 
     @classmethod
     def prepare(cls, solver: Solver, operators: Operators) -> RunSolver:
-        """Prepare a solver. Raise NotAccepted for a singular K that it does not accept."""
+        """Prepare a solver, or raise NotAccepted for a singular K."""
         if operators.kernel is not None and not solver.semidefinite:
             raise NotAccepted(
                 f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "
@@ -141,7 +140,6 @@ class RunSolver:
 
     @cached_property
     def second(self) -> RunSolver:
-        """The solver for a second attempt at a step."""
         solver = Clarabel() if self.prepared is self.newton else self.solver
         if not isinstance(solver, ThroughCvxpy):
             return self
@@ -176,7 +174,6 @@ class RunSolver:
     def retry(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Return the best answer of a second attempt."""
         law = law or Weights(program.w)
         first = self.second.solve(program, target, lam, p, law)
         if self.prepared is not self.newton:

@@ -34,7 +34,6 @@ class Weights:
 
     @property
     def is_given(self) -> bool:
-        """True if the weights are constants."""
         return self.norms is None
 
     @property

@@ -80,17 +80,15 @@ class ActiveSets:
 
     @property
     def key(self) -> bytes:
-        """The sets as bytes."""
         signs = (self.direction > 0) & ~self.stick[:, None]
         return self.held.tobytes() + (signs.tobytes() if self.direction.shape[1] == 1 else b"")
 
     def apply_law(self, x: Floats, w: Floats, direction: Floats) -> Floats:
-        """Return x_law for weights w and directions of slip."""
+        """Return x_law (N,) for weights w and directions of slip."""
         w = np.where(self.stick, 0.0, w)  # The weight of a sticking term may be infinite.
         return np.where(self.held, x, np.append(w[:, None] * direction, np.zeros(len(self.act))))
 
     def law_error(self, point: Point) -> float:
-        """Return the largest error of the law."""
         parts = self.apply_law(point.x, self.w, self.direction) - point.x, SHIFT * point.off[self.held], point.rest
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
@@ -106,7 +104,6 @@ class ActiveSetSystem:
 
     @classmethod
     def assemble(cls, delassus: Delassus, sets: ActiveSets, point: Point, law: Weights) -> ActiveSetSystem:
-        """Assemble and factorise the system at a point."""
         P, Qt, compliance = build_columns(sets, delassus.split(point.x)[1], law)
         Q, R, W, count = Qt.T, delassus.R, delassus.W, P.shape[0]
         if isinstance(W, np.ndarray):
@@ -140,7 +137,6 @@ def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, comp
 
 
 def _columns(sets: ActiveSets, slope: Floats | None) -> tuple[sp.csr_matrix, Floats]:
-    """Return P and the compliances."""
     (m, block), act = sets.direction.shape, np.flatnonzero(sets.act)
     moves = ~sets.stick & (sets.w > 0)
     picked, compliance = np.tile(sets.stick[:, None], block), np.zeros((m, block))
@@ -200,7 +196,6 @@ class Search:
             system, last = self.system(sets, point), error
 
     def _first_system(self, point: Point) -> ActiveSetSystem:
-        """Return the system at zero slip, in a floating body with all rows held."""
         sets = ActiveSets.at(self.delassus, point, self.law, np.zeros_like(self.delassus.split(point.x)[0]))
         if len(point.a):
             sets = replace(sets, stick=np.ones_like(sets.stick), act=np.ones_like(sets.act))
@@ -211,7 +206,7 @@ class Search:
         return ActiveSetSystem.assemble(self.delassus, sets, point, self.law)
 
     def _correct(self, point: Point, system: ActiveSetSystem, least: float) -> tuple[Point, ActiveSets, float]:
-        """Correct a point; return the new point, active sets, and error of the law."""
+        """Return the corrected point, active sets, and error of the law."""
         delassus, old, limits = self.delassus, system.sets, np.zeros(len(system.sets.act))
         s, direction, w, last = old.along[:, None] * old.direction, old.direction, None, np.inf
         for _ in range(MAX_CORRECTIONS):
@@ -225,7 +220,7 @@ class Search:
             count = system.P.shape[0]
             point = delassus.move(point, dx + system.Q @ z[:count], z[count:])
             s = delassus.split(point.off)[0]
-            # Slips at rounding level, or against their force, do not define a direction.
+            # Slips at rounding level, or against the force, do not define a direction.
             turns = (SHIFT * lengths(s) > STALL_TOLERANCE * w) & (np.einsum("ij,ij->i", s, direction) > 0)
             direction = np.where(turns[:, None], directions(s, lengths(s)), direction)
             new = ActiveSets.at(delassus, point, self.law)
@@ -236,7 +231,6 @@ class Search:
         return point, new, error
 
     def _search_between(self, before: Point, point: Point) -> tuple[Point, ActiveSets]:
-        """Return the best of four points between `before` and `point`, with active sets."""
         dx, da = point.x - before.x, point.a - before.a
         tried = [self.delassus.move(before, part * dx, part * da) for part in (0.7, 0.5, 0.3, 0.1)]
         found = [(one, ActiveSets.at(self.delassus, one, self.law)) for one in tried]
@@ -320,7 +314,6 @@ class PreparedNewton:
     def solve(
         self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None, law: Weights | None = None
     ) -> Answer:
-        """Solve one step under given weights, or under a law of weights."""
         law, p = law or Weights(program.w), np.zeros_like(program.e) if p is None else np.maximum(p, 0.0)
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
@@ -329,7 +322,6 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:
-        """Solve a step from a point, on the active sets of the point if `near`."""
         delassus, rows = self.delassus, program.operators.B.shape[0]
         u = delassus.u
         own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])

@@ -27,7 +27,7 @@ class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        """Solve one scaled step; the `status` of the answer gives the reason for a missed target.
+        """Solve one scaled step. The `status` of the answer gives the reason for a missed target.
 
         Parameters
         ----------
@@ -41,7 +41,7 @@ class Prepared(Protocol):
 
 
 class Solver(ABC):
-    """The settings of a solver; `prepare` returns an object that solves the programs of one run.
+    """The settings of a solver. `prepare` returns an object that solves the programs of one run.
 
     A subclass defines the method `prepare`, and `accepts` as a class attribute or a property.
 
@@ -110,7 +110,7 @@ class Solver(ABC):
         """
 
     def with_accuracy(self, accuracy: float) -> Self:
-        """Return the solver with another accuracy; override this method if settings depend on the accuracy."""
+        """Return the solver with another accuracy. Override this method if settings depend on the accuracy."""
         other = copy(self)
         object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
         return other

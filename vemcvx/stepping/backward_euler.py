@@ -3,9 +3,9 @@
 Step n has the unknown d_n = y_n - y_{n-1} and the force g_n = load_n - K y_{n-1} with the stiffness matrix K. To keep
 the digits of tiny increments, we compute g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
 
-Dashpots add a form b(u', v) to the elastic form a(u, v). The form b has the matrix A_b in displacements u = P y + u_D,
-and C in unknowns y. In a step of length k, K + C/k replaces K. Moving supports then add the force
--P'A_b (u_D,n - u_D,n-1) / k.
+Let u = P y + u_D be the displacements. Supports prescribe u_D. Dashpots add a form b(u', v) to the elastic form
+a(u, v). The form b has the matrix A_b in displacements u, and C = P'A_b P in unknowns y. In a step of length k, K + C/k
+replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 
 Errors are relative to `scale`, the largest energy norm of the states so far. If `scale` is tiny, errors are relative to
 `size`, the largest energy norm that data could cause. A load f could cause the norm |K^{-1}f|_K.
@@ -78,7 +78,7 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True, eq=False)
 class PosedStep:
-    """A step with its program."""
+    """A step and the convex program."""
 
     run: PreparedRun
     before: State
@@ -108,7 +108,6 @@ class PosedStep:
         return self.state_after(Answer(d, lam, 0, "nothing pushes", p=p), certificate)
 
     def _solve(self) -> State:
-        """Solve the step, and if necessary solve again with a smaller target."""
         size, accuracy = check_norm(self.program.size, self.data.t), self.run.solver.accuracy
         size = max(self.before.unit(accuracy), size)
         state = self._certify(self.frame.prepared.solve, 0.5 * (accuracy * size) ** 2)
@@ -293,7 +292,7 @@ def march(
     progress : callable (step, steps), optional
         Called after each step.
     storage : Storage, optional
-        Memory() or Folder(path); an interrupted run of the same system in a Folder is continued.
+        Memory() or Folder(path). An interrupted run of the same system in the folder is continued.
 
     Returns
     -------

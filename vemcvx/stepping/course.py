@@ -80,7 +80,6 @@ def inputs(system: System, t: float) -> list[tuple[str, Floats]]:
 
 
 def _bends(times: Floats, values: Floats) -> Floats:
-    """Return the instants (b,) of bends."""
     width = np.diff(times)
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
@@ -94,7 +93,6 @@ def _bends(times: Floats, values: Floats) -> Floats:
 
 
 def _turns(times: Floats, values: Floats) -> Floats:
-    """Return the instants (b,) of turns."""
     width = np.diff(times)[:, None]
     slopes, half = np.diff(values, axis=0) / width, 0.5 * (width[1:] + width[:-1])
     left, right = slopes[:-1], slopes[1:]

@@ -1,9 +1,9 @@
 """States, the data of a run, and the ledger of energies.
 
-Let f be the outer forces. The displacement is u = P y + u_D(t) with the unknowns y, and supports prescribe u_D. The
-elastic form is a(u, v) = u'A v. In a step, d marks the change of a quantity, and n marks the value at the end. Norm
-terms have the slips s_i = B_i dy + dh_i, the weights w_i and the forces lam_i. Supports and the ground prescribe h.
-Limits D y <= g have the forces p and the compliances c. The ledger of a step has
+Let f be the outer forces. The displacement is u = P y + u_D(t) with the unknowns y and a matrix P. Supports prescribe
+u_D. The elastic form is a(u, v) = u'A v. In a step, d marks the change of a quantity, and n marks the value at the end.
+Norm terms have the slips s_i = B_i dy + dh_i, the weights w_i and the forces lam_i. Supports and the ground prescribe
+h. Limits D y <= g have the forces p and the compliances c. The ledger of a step has
 
     energy E = 1/2 a(u, u) + (c p^2 / 2 of soft limits)
     work     = f_n . dy + a(u_n, du_D) + lam . dh - p . dg
@@ -57,7 +57,7 @@ SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 
 
 def check_norm(norm: float, t: float) -> float:
-    """Return the energy norm `norm`, or raise SceneError if it is out of range."""
+    """Return the energy norm, or raise SceneError for norms out of range."""
     if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
@@ -176,11 +176,11 @@ class State:
     y: Floats  # the stored unknowns
     unbalanced: Floats  # load - K y
     data: StepData
-    weights: Floats  # (terms,) weights of the step that ended here
+    weights: Floats  # (terms,) weights of the last step
     bound: Floats  # (terms,) weights under the slips at the end of the step
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
-    slip: Floats  # (terms, block) slips of the step that ended here
+    slip: Floats  # (terms, block) slips of the last step
     sticks: Bools  # (terms,) True if the certificate cannot distinguish the slip from zero
     certificate: Certificate
     ledger: Ledger
@@ -292,7 +292,7 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
         work=past.work + work,
         worn=past.worn + loss,
         slipped=past.slipped + lengths(after.slip),
-        # The loss of dashpots is of second order, because it uses the mean rate.
+        # With the mean rate, the loss of dashpots is of second order.
         dissipated_second_order=past.dissipated_second_order + float(between.sum()) + lost,
         worn_second_order=past.worn_second_order + between,
     )

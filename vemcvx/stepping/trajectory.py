@@ -1,4 +1,4 @@
-"""The trajectory that `march` returns, and its storage in memory or in a folder.
+"""The trajectory that `march` returns, and storage in memory or in a folder.
 
 A folder has one memory-mapped ``.npy`` file per array. ``checkpoint.npy`` contains the number of the last stored step,
 from which an interrupted run continues.
@@ -296,7 +296,7 @@ class Recorder:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
-        """Write the waiting states; raise NotCertified at the first state that is not certified."""
+        """Write the waiting states, or raise NotCertified."""
         waiting, self._waiting = self._waiting, {}
         kept = {n: state for n, state in waiting.items() if (n == 0 or n in self._kept) and state.full is None}
         waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)

@@ -166,7 +166,7 @@ def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapp
 
 
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
-    """Return read-only copies of arrays with one row per cell, or raise MeshError."""
+    """Return read-only arrays with one row per cell, or raise MeshError."""
     checked = {}
     for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
         check_name(name, "cell datum")

@@ -36,7 +36,7 @@ AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 
 
 def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyMesh:
-    """Cut a mesh along the edges or faces between two sets of cells: see :meth:`vemcvx.PolygonMesh.cut`."""
+    """Return the mesh of :meth:`vemcvx.PolygonMesh.cut`."""
     one, other = _check_sides(mesh, name, sides)
     cells, (offsets, vertices) = mesh.neighbours, mesh._inner_outlines
     swapped = other[cells[:, 0]]

@@ -91,7 +91,7 @@ def _are_rows(edges: NDArray[Any], partners: NDArray[Any], n_nodes: int, dimensi
 
 
 def pad_rows(offsets: Ints, flat: Ints) -> Ints:
-    """Return rows of different lengths as an array (k, n), padded with -1."""
+    """Return the rows as an array (k, n), padded with -1."""
     counts = np.diff(offsets)
     rows = np.full((len(counts), counts.max(initial=0)), -1)
     rows[np.arange(rows.shape[1]) < counts[:, None]] = flat

@@ -148,7 +148,7 @@ class Mesh(ABC):
 
     @property
     def _inner_outlines(self) -> tuple[Ints, Ints]:
-        """Offsets and vertices of inner edges or faces, in the order of `neighbours`."""
+        """Offsets and vertices of inner sides, in the order of `neighbours`."""
         offsets, vertices, cells = self._sides
         return polygons.rows_in_order(offsets, vertices, np.flatnonzero(cells[:, 1] >= 0))
 
@@ -203,7 +203,7 @@ class Mesh(ABC):
 
     @cached_property
     def _outer(self) -> Bools:
-        """A mask of the boundary edges or faces that belong to no interface."""
+        """A mask of the boundary edges or faces outside interfaces."""
         free = np.ones(len(self._boundary), dtype=bool)
         for interface in self.interfaces.values():
             for side in (interface.edges, interface.partners):
@@ -211,7 +211,7 @@ class Mesh(ABC):
         return free
 
     def _in_planes(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-        """Return the boundary edges or faces on the named sides of a box."""
+        """Return boundary edges or faces on the named sides of a box."""
         offsets, vertices = self._outlines
         low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
         # Near a corner of the box, a very short edge belongs to the parallel side only.

@@ -43,7 +43,7 @@ Rows = tuple[Ints, Ints]  # offsets and entries of rows
 def overlay_tilings(
     apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
-    """Return the mesh with split faces, and arrays of bodies, places and old faces."""
+    """Return the mesh with split faces, and bodies, places and old faces."""
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
     of_face, rows = body[nodes[offsets[:-1]]], (offsets, place[nodes])

@@ -50,7 +50,7 @@ def reverse_rows(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
 
 
 def find_in(keys: Ints, wanted: Ints) -> Ints:
-    """Return the first position of each wanted number among the keys, -1 if missing."""
+    """Return the first positions of wanted numbers among the keys, or -1."""
     if not len(keys):
         return np.full(len(wanted), -1)
     order = np.argsort(keys, kind="stable")
@@ -96,7 +96,7 @@ def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints)
 
 
 def rotation(flags: Bools, offsets: Ints) -> Ints:
-    """Return an order in which each row begins at the first True flag."""
+    """Return an order in which rows begin at the first True flag."""
     row, none = cell_of_corner(offsets), len(flags)
     first = np.minimum.reduceat(np.where(flags, np.arange(none), none), offsets[:-1])
     first = np.where(first == none, 0, first - offsets[:-1])
@@ -226,7 +226,7 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs of boxes i and tree boxes j that meet, sorted by i."""
+    """Return pairs of boxes and tree boxes that meet, sorted by box."""
     import shapely
 
     if not len(low) or not len(tree_low):
@@ -287,7 +287,7 @@ def close_pairs(points: Floats, distance: float) -> Ints:
 
 
 def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
-    """Return the distance and the number of the nearest point, for each place."""
+    """Return the distances and numbers of the nearest points."""
     from scipy.spatial import cKDTree
 
     found: Any = cKDTree(points).query(places)
@@ -355,7 +355,7 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
 
 
 def split_at_vertices(corners: Floats) -> Ints:
-    """Return counter-clockwise triangles (c, n - 2, 3) of vertices in simple polygons."""
+    """Split simple polygons into triangles (c, n - 2, 3) of vertices."""
     c, n, _ = corners.shape
     number = np.tile(np.arange(n), c)  # Shapely keeps the number as a third coordinate
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))

@@ -61,7 +61,7 @@ def list_faces(faces: Faces) -> FaceLists:
 
 
 def signs_of(faces: Faces) -> Floats:
-    """Return 1 for outward and -1 for inward normals, in the order of `cell_faces`."""
+    """Return 1 for outward and -1 for inward normals in `cell_faces`."""
     return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
 
 

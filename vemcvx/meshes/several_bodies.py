@@ -292,7 +292,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
 
 
 def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
-    """Return the cell data of all bodies, with body numbers and masks of bodies."""
+    """Return all cell data, with body numbers and masks of bodies."""
     data: dict[str, NDArray[Any]] = {}
     for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():

@@ -63,7 +63,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The ends (e, 2) of sides: a node, and the other node (in space: the face)."""
+        """The ends (e, 2) of sides: a node, and the other node or face."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -233,7 +233,7 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return the components of vectors (m, dim) normal to common planes of symmetry."""
+        """Return components (m, dim) of vectors, normal to common planes of symmetry."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
@@ -297,7 +297,7 @@ class BoundaryRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SideEnds:
-    """The ends (e,) of all sides of a part, one per side and node."""
+    """The ends (e,) of all sides, one per side and node."""
 
     nodes: Ints
     normals: Floats  # (e, dim) normals of the whole sides
@@ -312,7 +312,7 @@ class SideEnds:
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """Return the rows, given the matrix (e, q) from g(points) to int g phi_i ds."""
+        """Return the rows; `matrix` maps g(points) to int g phi_i ds."""
         row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)

@@ -111,7 +111,7 @@ def softest_shear(C: Floats) -> Floats:
 
 
 def mean_shear(C: Floats) -> Floats:
-    """Return harmonic means (n_cells,) of deviatoric eigenvalues, or 0 unless all are positive."""
+    """Return harmonic means of deviatoric eigenvalues, or 0 unless all are positive."""
     moduli = _deviatoric_moduli(C)
     positive = moduli[:, 0] > 0
     inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)

@@ -69,7 +69,7 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 
 
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Return a mask of cells with all points clearly left of all edges."""
+    """Return a mask of cells with points clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
     # "Clearly" means by 1e-6 sqrt(|K|).
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])

@@ -273,7 +273,7 @@ class PolyhedronGroup(CellGroup):
 
 
 def second_moments(about: Floats) -> Floats:
-    """Return the second moments int_K x x' dx of polygons with the vertices `about`."""
+    """Return int_K x x' dx for polygons with the vertices `about`."""
     after = np.roll(about, -1, axis=1)
     # The integral over the triangle (0, p, q) is (p x q) / 24 (pp' + qq' + (p + q)(p + q)').
     part = cross(about, after) / 24.0

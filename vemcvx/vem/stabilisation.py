@@ -143,7 +143,7 @@ def products_of_remainder(Pi: Floats) -> Floats:
 
 
 def remainder_energies(space: Space, stabilisation: Stabilisation, C: Floats, u: Floats) -> Floats:
-    """Return the energies S_K(u - Pi u, u - Pi u) of all cells."""
+    """Return the energies S_K(u - Pi u, u - Pi u), (n_cells,)."""
     energies = np.zeros(space.mesh.n_cells)
     for group in space.groups:
         for chunk in () if group.simplices else group.chunks():

@@ -21,7 +21,7 @@ COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 
 
 def component_names(dim: int) -> tuple[str, ...]:
-    """Return the names of the components of symmetric tensors, such as ("xx", "yy", "xy")."""
+    """Return the names of components, such as ("xx", "yy", "xy")."""
     return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
 
 
@@ -71,7 +71,7 @@ AXISYMMETRIC = 10
 
 
 def moduli_of_revolution(lam: Floats, mu: Floats) -> Floats:
-    """Return the moduli (10, n_cells) of an isotropic body of revolution, from Lame's constants."""
+    """Return the isotropic moduli (10, n_cells) of a body of revolution."""
     zero, normal = np.zeros_like(lam), lam + 2.0 * mu
     return np.stack([normal, lam, zero, lam, normal, zero, lam, mu, zero, normal])
 
@@ -92,7 +92,7 @@ def principal(stress: Floats) -> Floats:
 
 
 def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
-    """Return von Mises' equivalent stress, with `out_of_plane` as the stress zz of plane bodies."""
+    """Return von Mises' stress, with `out_of_plane` as zz in plane bodies."""
     xx, yy, *shear = stress.T
     zz = shear.pop(0) if out_of_plane is None else out_of_plane
     apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2

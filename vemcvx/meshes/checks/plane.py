@@ -119,7 +119,7 @@ def lay_flat(rows: list[Any], name: Name) -> tuple[Ints, Ints]:
 
 
 def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, name: Name) -> None:
-    """Raise MeshError if a polygon has fewer than three nodes, or invalid nodes."""
+    """Raise MeshError if a polygon has too few, repeated or invalid nodes."""
     few = np.flatnonzero(np.diff(offsets) < 3)
     if len(few):
         raise MeshError(f"{name(few[0])} has {np.diff(offsets)[few[0]]} vertices; a polygon has at least 3.")
@@ -156,7 +156,7 @@ def check_coincident(points: Floats, vertices: Ints) -> None:
 
 
 def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Return the signed areas of cells, or raise MeshError for an invalid cell."""
+    """Return the signed areas of valid cells, or raise MeshError."""
     places, sizes = points[vertices], diameters(points, offsets, vertices)
     areas = areas_and_centroids(points, offsets, vertices)[0]
     rounding = roundings(places, offsets)
@@ -171,7 +171,7 @@ def roundings(places: Floats, offsets: Ints) -> Floats:
 
 
 def check_areas(areas: Floats, sizes: Floats, rounding: Floats, name: Name) -> None:
-    """Raise MeshError if the area of a polygon is zero up to rounding."""
+    """Raise MeshError if a polygon has no area."""
     flat = np.flatnonzero(np.abs(areas) <= rounding * sizes)
     if len(flat):
         k = flat[0]

@@ -203,7 +203,7 @@ def find_touching_faces(
     body: Ints | None = None,  # body of each face; pairs belong to two bodies
     part: float = SINGLE_EPS,  # smallest common area, relative to the smaller face
 ) -> Ints:
-    """Return pairs (2, k) of faces that overlap and are at most `width` apart."""
+    """Return pairs (2, k) of overlapping faces, at most `width` apart."""
     import shapely
 
     corners = points[vertices]

@@ -63,7 +63,7 @@ def squares(
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
-    """Return the nodes of a grid row by row, and the corners (nx ny, 4) of cells."""
+    """Return the nodes row by row, and the corners (nx ny, 4) of cells."""
     x, y = box.ticks(nx, ny)
     points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
     first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()

@@ -48,7 +48,7 @@ def cubes(
 
 
 def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
-    """Return nodes layer by layer, and the corners of cells in the order of `FACES`."""
+    """Return the nodes layer by layer, and the corners (n_cells, 8) as in `FACES`."""
     nx, ny, nz = counts
     x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")

@@ -192,7 +192,7 @@ def _measures_and_centroids(points: Floats, cells: tuple[Ints, Ints] | Faces) ->
 
 
 def _sort_by_rows(points: Floats) -> tuple[Floats, Ints]:
-    """Return points sorted by layers and rows of height 1, and the new numbers."""
+    """Return points sorted by layers and rows, and the new numbers."""
     rows = np.lexsort((points[:, 0], *np.floor(points[:, 1:]).T))
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))

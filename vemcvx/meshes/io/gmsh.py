@@ -22,7 +22,7 @@ FORMAT = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+([48])\s")
 
 
 def read_gmsh(path: Path) -> Grid:
-    """Read the cells of a Gmsh file, with physical groups as named sets."""
+    """Read a Gmsh file, with physical groups as named sets."""
     import meshio
 
     data = path.read_bytes()

@@ -81,7 +81,7 @@ class Grid:
 
 @contextlib.contextmanager
 def translate_errors(subject: str, failure: str) -> Iterator[None]:
-    """Raise MeshError for any error or exit inside the block, and hide printed output."""
+    """Raise MeshError for any error in the block, and hide printed output."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), quietly():
@@ -94,7 +94,7 @@ def translate_errors(subject: str, failure: str) -> Iterator[None]:
 
 
 def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
-    """Return the mesh of a grid. Straight sides get names if no boundary has a name."""
+    """Return the mesh of a grid, with names for straight sides if necessary."""
     with translate_errors(subject, "holds no valid mesh"), quietly() as caught:
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
@@ -138,7 +138,7 @@ def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
 
 
 def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
-    """Return the edges or faces of named boundaries, and the partners at interfaces."""
+    """Return the sides of named boundaries, and the partners at interfaces."""
     named = {name: mesh._places(part) for name, part in mesh.boundaries.items() if name != WHOLE}
     rows = {name: rows_in_order(*mesh._outlines, places) for name, places in named.items()}
     for name, found in mesh.interfaces.items():
@@ -198,7 +198,7 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
 
 
 def keep_corners(grid: Grid) -> Grid:
-    """Replace cells of higher order by cells of first order with the same corners."""
+    """Replace cells of higher order by cells with straight edges."""
     kinds = np.array([k.rstrip(DIGITS) if k.rstrip(DIGITS) in NODES else k for k in grid.kinds.tolist()], dtype=str)
     counts = np.diff(grid.offsets)
     corners = np.array([NODES.get(kind, 0) for kind in kinds.tolist()], dtype=np.int64)
@@ -325,7 +325,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
 
 
 def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh with named boundaries, and notes on parts outside the boundary."""
+    """Return the mesh with named boundaries, and notes on other parts."""
     notes, boundaries = list(grid.notes), {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map

@@ -119,7 +119,7 @@ def _offsets(ends: Ints, room: int, what: str) -> Ints:
 
 
 def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
-    """Return the faces of polyhedra, from arrays of VTK 9.4 or of earlier versions."""
+    """Return the faces of polyhedra, from old and new versions of VTK."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
@@ -151,7 +151,7 @@ def write_cells(path: Path, packed: ElementTree.Element, point_data: Arrays, cel
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid as a VTU file, with named sets of cells as data."""
+    """Write a grid as a VTU file, with named sets as data."""
     marks = {MARK + name: chosen.astype(np.uint8) for name, chosen in grid.sets.items()}
     _write(path, _pack_grid(grid), {}, grid.data | marks)
 

@@ -1,12 +1,12 @@
-"""Bounds compared with solutions of other programs: scikit-fem assembles quadratic elements, cvxpy and Clarabel solve.
+"""Bounds compared with solutions of scikit-fem, cvxpy and Clarabel.
 
-Let u be the exact solution, v the displacement whose error is bounded, w the solution of the other programs, and J the
-functional that u minimises. Both v and w are quadratic on each triangle of the mesh of w, so that |w - v|_a is
-integrated exactly. Triangles are graded towards points where stresses are singular.
+Let u be the exact solution, v the displacement whose error is bounded, w the solution of scikit-fem on quadratic
+elements, and J the functional that u minimises. Both v and w are quadratic on the triangles of the mesh of w, so that
+|w - v|_a is integrated exactly. Triangles are refined towards points where stresses are singular.
 
 The displacement w is admissible, because the Bernstein coefficients of the normal displacement are >= 0 on the floor.
-So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution on the next coarser mesh. We assume J(w_1) -
-J(w) >= J(w) - J(u), and obtain |w - u|_a^2 <= 2 (J(w_1) - J(w)).
+So J(w) >= J(u) and |w - u|_a^2 <= 2 (J(w) - J(u)). Let w_1 be the solution on the next coarser mesh. If
+J(w_1) - J(w) >= J(w) - J(u), then |w - u|_a^2 <= 2 (J(w_1) - J(w)).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ import vemcvx as vx
 
 YOUNG, POISSON = 200.0, 0.3
 GAUSS, WEIGHTS = np.array(np.polynomial.legendre.leggauss(3)) / 2.0 + [[0.5], [0.0]]
-"""Quadrature points and weights on an edge, for friction in the program."""
+"""Quadrature points and weights on an edge, for friction in cvxpy."""
 FINE, FINE_WEIGHTS = np.array(np.polynomial.legendre.leggauss(24)) / 2.0 + [[0.5], [0.0]]
 """Quadrature points and weights on an edge, for friction in J."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A body on its floor y = 0, with its clamp, loads, friction and singular points."""
+    """A body on the floor y = 0, with clamp, loads, friction and singular points."""
 
     scene: vx.Scene
     clamped: tuple[int, float]
@@ -44,7 +44,7 @@ class Case:
     """The traction: a function of points that returns two components."""
     friction: float
     can_lift: bool
-    """True if the body can lift off its floor."""
+    """True if the body can lift off the floor."""
     singular: tuple[tuple[float, float], ...]
 
 
@@ -76,7 +76,7 @@ BRACKET = Case(
 
 
 def fan_triangles(circle):
-    """Return the triangles of all cells, each split into three, as one mesh of scikit-fem."""
+    """Return the parts of all fan triangles as a mesh of scikit-fem."""
     corners = []
     for fans in (one.fans for one in circle.forms):
         here = fans.corners + fans.centres[:, None]
@@ -100,7 +100,7 @@ def refine_around(mesh, points, levels):
 
 
 def shapes(s):
-    """Return the quadratic shape functions of both ends and of the middle of an edge, one row per point."""
+    """Return the three quadratic shape functions of an edge at points s."""
     return np.column_stack([(1.0 - s) * (1.0 - 2.0 * s), s * (2.0 * s - 1.0), 4.0 * s * (1.0 - s)])
 
 
@@ -113,7 +113,7 @@ class Solution:
     J: float
     energy: float
     floor: np.ndarray
-    """Displacements on the floor: floor[edge, k, component], where k is an end (0, 1) or the middle (2)."""
+    """Displacements (edges, 3, 2) of both ends and the middle of edges on the floor."""
     along: np.ndarray
     """Coordinates x of both ends of the edges on the floor."""
 

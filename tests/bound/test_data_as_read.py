@@ -1,4 +1,4 @@
-"""Bounds for data whose features may lie between quadrature points, or between instants."""
+"""Bounds for data that vary between quadrature points, or between instants."""
 
 from __future__ import annotations
 

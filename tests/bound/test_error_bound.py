@@ -37,7 +37,7 @@ def slipping(poisson):
     def pull(x, t):
         x, y = x.T
         xx, _, xy = np.moveaxis(full_slip.strain(x, y, t, lam), -1, 0)
-        # We use lambda div u as in the problem file, because the sum e_xx + e_yy loses digits.
+        # The sum e_xx + e_yy would lose digits of lambda div u.
         return np.column_stack([2.0 * xx + lam / (1.0 + lam) * (1.0 + x * y) * np.exp(x * y) * t / 3.0, xy])
 
     scene = full_slip.scene(poisson, pulled=True).without(vx.PrescribedDisplacement)

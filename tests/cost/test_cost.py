@@ -49,7 +49,7 @@ def call_here(function, *given):
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """Make the runs of a sweep in this process."""
+    """Run sweeps in this process."""
     monkeypatch.setattr("vemcvx.cost.sweeping.call_safely", call_here)
 
 
@@ -133,7 +133,7 @@ def list_children(pid):
 
 
 def wait_for(condition):
-    """Wait up to a minute until a condition holds; return its value."""
+    """Wait up to a minute until a condition holds, and return the value."""
     for _ in range(6000):
         if found := condition():
             return found

@@ -121,7 +121,7 @@ def test_every_requested_instant_is_stored():
 
 @pytest.mark.slow
 def test_adaptive_meshes_need_fewer_unknowns():
-    """Meshes have half the sizes of `problems/adaptive_meshes.py`."""
+    """The study of `problems/adaptive_meshes.py` runs on coarser meshes."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))
@@ -145,6 +145,6 @@ def test_a_load_that_begins_and_ends_within_a_step_is_found():
     assert np.allclose(found.history.times, [0.0, 0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)
     assert found.met
     assert found.history.dissipated[-1] > 0.0
-    # Errors of the mesh are also estimated at the instants of the largest and of the smallest load.
+    # Mesh errors are also estimated at the extremes of the load.
     estimated = found.history.trajectory.times[found.budget.steps]
     assert np.allclose(estimated, [0.25, 0.75, 1.25, 1.75, 2.0], rtol=0, atol=1e-9)

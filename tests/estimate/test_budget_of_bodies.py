@@ -56,7 +56,7 @@ def test_uniform_strain_leaves_no_residual(scene):
 
 @pytest.mark.long
 def test_uniform_pressure_leaves_no_residual_where_three_bodies_meet():
-    """A node of the lower body has a partner on each of the upper bodies."""
+    """A node of the lower body has partners on both upper bodies."""
     boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares(2, box=box) for name, box in boxes.items()})
     scene = vx.Scene(

@@ -1,4 +1,4 @@
-"""Tables of errors and observed orders, as Markdown, CSV and HTML, read back."""
+"""Tables of errors and observed orders, as Markdown, CSV and HTML."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.arithmetic
 
 FAMILIES = tuple(vx.meshes.SPACE_FAMILIES)
 LEAST, MOST = 1.2, 2.5
-"""Bounds of the effectivity, the estimated error of the mesh over the true error."""
+"""Bounds of the effectivity, (estimated error) / (true error)."""
 STEEL = vx.Elasticity(10.0, 0.3)
 GRADIENT = np.array([[0.02, 0.04, -0.03], [0.01, -0.05, 0.02], [0.03, 0.01, -0.12]])
 SIDES = "left", "right", "front", "back"
@@ -41,7 +41,7 @@ def measure_effectivity(poisson, family, n):
     [
         (0.3, "cubes", (3,)),
         (0.3, "tetrahedra", (3,)),
-        # With 3 or 5 cubes along a side, the error of the pressure alternates, and is ten times the pressure.
+        # With 3 or 5 cubes along a side, the error of the pressure oscillates, and is ten times the pressure.
         (0.4999, "cubes", (3, 5)),
         (0.4999, "voronoi3", (4,)),
         *(
@@ -61,7 +61,7 @@ def test_effectivity_on_full_slip(poisson, family, sizes):
 
 @mostly_long("family", FAMILIES)
 def test_constant_stress_leaves_no_residual(family):
-    """Pressure, tractions, friction at its bound, contact, springs and heat balance the constant stress."""
+    """The stress is constant under pressure, traction, friction, contact, springs and heat."""
     mesh = vx.meshes.SPACE_FAMILIES[family]((2, 1, 2))
     friction = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.5, on="bottom")
 

@@ -69,14 +69,14 @@ def test_a_field_has_no_distance_from_itself(kind):
 
 
 def hats(points):
-    """Return u_1 = |x_1 - 1/2|, linear on either side of the middle."""
+    """Return u = (|x_1 - 1/2|, 0)."""
     return np.column_stack([np.abs(points[:, 0] - 0.5), np.zeros(len(points))])
 
 
 @pytest.mark.parametrize(("first", "second"), [("squares", "triangles"), ("triangles", "squares")])
 @pytest.mark.parametrize("kind", ["exact", "projected"])
 def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kind):
-    """Interpolants of |x - 1/2| have the slopes -1, 0, 1 on three columns of cells, and -1, 1 on two columns.
+    """Interpolants of |x_1 - 1/2| have the slopes -1, 0, 1 on three columns of cells, and -1, 1 on two columns.
 
     The slopes differ by 1 on a third of the square, so the squared distance is (lambda + 2 mu) / 3.
     """
@@ -90,9 +90,10 @@ def test_the_distance_of_two_piecewise_linear_fields_is_exact(first, second, kin
 
 
 def test_hourglasses_on_nested_squares_have_exact_norms():
-    """The field u_1 = x_1 x_2 is bilinear on one square, so that interpolation on a refined mesh changes nothing.
+    """The field u_1 = x_1 x_2 is bilinear, so interpolation on squares is exact.
 
-    The integrals of e_xx^2 = x_2^2 and of (2 e_xy)^2 = x_1^2 are 1/3. The projection has e_xx = 2 e_xy = 1/2.
+    The integrals of e_xx^2 = x_2^2 and of (2 e_xy)^2 = x_1^2 are 1/3. On one square, the projection has e_xx = 1/2 and
+    2 e_xy = 1/2.
     """
 
     def twist(x):
@@ -129,7 +130,6 @@ def test_distances_use_the_moduli_of_the_first_mesh():
 
 
 def test_nodal_distance_is_the_norm_of_the_stiffness_matrix(family):
-    """Both fields have the same mesh."""
     from vemcvx.vem import Space, stiffness
 
     a, b = field(mesh_of(family, 5), wavy), field(mesh_of(family, 5), other)

@@ -1,4 +1,4 @@
-"""Estimated errors of friction work, work and wear, compared with runs of many steps and on finer meshes."""
+"""Estimated errors of friction work, work and wear, compared with runs in more steps and on finer meshes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Estimated errors of steps are one to five times the errors that runs in finer steps show."""
+"""Estimated errors of steps are one to five times the true errors."""
 
 from __future__ import annotations
 

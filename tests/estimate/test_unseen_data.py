@@ -104,7 +104,7 @@ def test_tractions_with_waves_as_long_as_an_edge_are_in_the_estimate(n):
 @pytest.mark.long
 @pytest.mark.parametrize(("shear", "angle"), [(40.0, 0.4), (400.0, 1.2)])
 def test_estimates_are_one_to_four_times_the_error_in_a_body_of_inclined_fibres(shear, angle):
-    """The body is a hundred times stiffer along its fibres than across."""
+    """The body is a hundred times stiffer along the fibres than across."""
 
     def pull_and_shear(x, t):
         return t * np.column_stack([4 * x[:, 0] * (1 - x[:, 0]), x[:, 0]])

@@ -6,8 +6,8 @@ norm of a stress tau is |tau| = (tau, C^-1 tau)^{1/2}. The norm of a displacemen
 
 **The step.** The exact displacement u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) among the
 displacements v that supports admit. Here sigma_0 is the prestress, and l(v) the work of the loads. The convex function
-j contains the work of friction with a given bound and the energy of compliant obstacles. It is infinite if v moves the
-body into a rigid obstacle. So the exact stress sigma = sigma_0 + C eps(u) satisfies
+j contains the work of friction with a given bound and the energy of compliant obstacles. j(v) is infinite if v moves
+the body into a rigid obstacle. So the exact stress sigma = sigma_0 + C eps(u) satisfies
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all v that supports admit.                       (1)
 

@@ -84,7 +84,7 @@ def displacement_form(fans: Fans) -> Floats:
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Return mean strains (c, 3), and outlines (c, 4 n) without their linear parts."""
+    """Return mean strains (c, 3), and outlines (c, 4 n) minus linear parts."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)

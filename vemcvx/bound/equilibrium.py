@@ -5,8 +5,8 @@ the integral of a product. The stress tau of :mod:`.stress` is in equilibrium wi
 
     (tau, C^-1 tau) / 2  -  int over supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
 
-The unknowns are edge motions m. They are linear on edges, and may jump at vertices. A cell with the matrix G exerts the
-forces G m on edges, and further forces due to loads and sigma_0. On every edge, the forces of both cells cancel.
+The unknowns are edge motions m, linear on edges, with jumps at vertices. A cell with the matrix G exerts the forces G m
+on edges, and further forces due to loads and sigma_0. On every edge, the forces of both cells cancel.
 
 Let v be the displacement of the run. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v as
 on v. We compute x = m - L v, which has smaller rounding errors than m.
@@ -35,12 +35,12 @@ HALF_DIGITS = float(np.sqrt(EPS))
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The E edges of a mesh. The first end has the smaller node number."""
+    """The E edges of a mesh."""
 
     count: int
     places: tuple[Ints, ...]  # positions (c, 4 n) of the edge motions, for each chunk of cells
     outer: Ints  # (b, 2, 2) positions of motions of boundary edges
-    nodes: Ints  # (E, 2) ends of the edges
+    nodes: Ints  # (E, 2) ends of the edges, in increasing order
 
     def outline(self, u: Floats) -> Floats:
         """Return u at vertices, then u at the middles of edges."""

@@ -30,7 +30,7 @@ class ErrorBound(Outlined):
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
-    exact history. It begins at v or, with initial="equilibrium" or "settled", in exact equilibrium with the loads.
+    exact history, which begins at v or, with initial="equilibrium" or "settled", in exact equilibrium.
 
     Attributes
     ----------
@@ -41,15 +41,15 @@ class ErrorBound(Outlined):
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))
-        Bounds on the minimum J(u) of a step (:mod:`vemcvx.bound`). The bounds are infinite for whole histories, and for
-        data that are not linear on edges and in cells.
+        Bounds on the minimum of (energy) - (work of loads) + (friction work) in a step. The bounds are infinite for
+        whole histories, and for data that are not linear on edges and in cells.
     cells : (n_cells,)
-        Contributions of the cells to the square of the largest upper bound.
+        The square of the largest upper bound, split among the cells.
     parts : mapping of str to (S,)
-        Parts of `upper`. "mesh": the distance of the stress of v from a stress in equilibrium. "contact": the defect in
-        the laws of friction and contact. "data": the estimated effect of data that are not linear on edges, in cells,
-        or in time between instants. "algebra": the certified error of the solver, included in the other parts.
-        For whole histories, also "steps": the bound y_n on the stress error (:mod:`vemcvx.bound.whole_history`).
+        Parts of `upper`. "mesh": the distance between the stress of v and a stress in equilibrium. "contact": the
+        defect in the laws of friction and contact. "data": the estimated effect of data that are not linear on edges,
+        in cells, or in time between instants. "algebra": the certified error of the solver, also included in other
+        parts. "steps", for whole histories: the bound y_n on the stress error (:mod:`vemcvx.bound.whole_history`).
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str

@@ -61,7 +61,7 @@ RULE, RULE_WEIGHTS = np.stack([RADON_POINTS @ part for part in TRIANGLES]), np.t
 """Radon's points (3, 7, 2) in the three parts, and weights (21,): exact for degree 5."""
 _LAGRANGE = monomials(RULE[0]) @ COEFFICIENTS[0]
 MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE, _LAGRANGE)
-"""The integrals (6, 6) over a part of products of two Lagrange functions."""
+"""The integrals (6, 6) of products of Lagrange functions over a part."""
 LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
 """The inverse (3, 3) of int lambda_j lambda_k over the reference triangle."""
 
@@ -201,7 +201,7 @@ def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
     return tuple(found)
 
 
-SHORTEST_EDGE = 1e-3  # smallest accepted length of an edge, relative to the radius of its cell
+SHORTEST_EDGE = 1e-3  # smallest accepted length of an edge, relative to the radius of the cell
 
 
 def _refuse_cells(fans: Fans) -> None:

@@ -19,7 +19,7 @@ PIECES = 32
 
 @dataclass(frozen=True)
 class FineBoundary:
-    """A mesh with its boundary edges cut into pieces."""
+    """A mesh with boundary edges cut into pieces."""
 
     mesh: PolygonMesh
     old: int  # number of the first new node

@@ -11,11 +11,11 @@ of v, and y the outline of v - v_1. With the forms G of stresses (:mod:`.stress`
 
     |r|_K^2  =  x . G x  +  (y, f) . (S - L' G L) (y, f),        L (y, f) := (L y, f).
 
-*Proof.* Let sigma_0 = 0. Let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. With
-r_0 = tau_0 - C eps(v) we have r = tau_x + r_0. The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same
-work on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). So
-(tau_x, C^-1 r_0) = 0. If y replaces v, r_0 does not change. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2,
-where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
+*Proof* for sigma_0 = 0. Let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Let
+r_0 = tau_0 - C eps(v), so that r = tau_x + r_0. The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same
+work on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). Therefore
+(tau_x, C^-1 r_0) = 0. The stress r_0 is the same for v and v - v_1. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) +
+|v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of Theorem 2. Let W be the space of displacements that are
 quadratic on edges, have least energy inside cells, and vanish on supports and on edges with friction, obstacles or
@@ -212,7 +212,7 @@ class Hypercircle:
         return on_edges, gather([one.outlines for one in self.forms], works, len(defect.outline))
 
     def _best(self, residual: Floats) -> tuple[Floats, float]:
-        """Return w and the lower bound of |u - v|_a, given the residual of v."""
+        """Return w and the lower bound of |u - v|_a."""
         if self.factor is None:
             return np.zeros(len(residual)), 0.0
         left = self.free.T @ residual
@@ -298,7 +298,6 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
 
 
 def _outline(fans: Fans, motions: Ints, first: int) -> Ints:
-    """Return the array `Forms.outlines`."""
     edge = motions.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
     nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
     return np.asarray((2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1))

@@ -63,7 +63,7 @@ class QuantityBound(Outlined):
     step : int
         The step.
     value : float
-        The quantity q of the computed displacement. It may be outside the interval.
+        The quantity q of the computed displacement, possibly outside the interval.
     low, high : float
         Ends of the interval. With Coulomb's law, friction bounds follow from the computed pressure.
     reading : float
@@ -195,7 +195,7 @@ class Dual:
         return circle.make_pair((self.t, z), surface, read, prestress)
 
     def _moves_along(self, ways: Floats) -> Bools:
-        """Return a mask of the outer edges with an end that z_D moves along `ways` (b, 2)."""
+        """Return a mask (b,) of edges that z_D moves along `ways`."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:

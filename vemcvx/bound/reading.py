@@ -1,4 +1,4 @@
-"""Linear fits to the data of a scene, and the energies of the remainders.
+"""Linear fits to the data of a scene, and an estimate of the errors due to the fits.
 
 Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells. The
 bounds are theorems for linear fits to the values, called the data *as read*.

@@ -28,7 +28,7 @@ from vemcvx.vem.tensors import elastic_matrix
 class Joints:
     """The pairs of opposite boundary edges (in space: faces) at interfaces."""
 
-    across: Ints  # (b, 2) nodes opposite to edges of first bodies, else -1; empty in space
+    across: Ints  # (b, 2) opposite nodes on second bodies, or -1; empty in space
     first: Ints  # (k,) edges or faces of first bodies
     second: Ints  # (k,) opposite edges or faces of second bodies
     bonded: Bools  # (k,) True where supports prescribe the normal jump
@@ -71,14 +71,14 @@ class Skeleton:
     """The edges of a mesh, inside and on the boundary."""
 
     mesh: PolygonMesh
-    sides: Ints  # (c, 2) edges of all cells, counter-clockwise
-    owner: Ints  # (c,) cell of each edge
+    sides: Ints  # (c, 2) end nodes of cell edges, counter-clockwise
+    owner: Ints  # (c,) cells of the edges in `sides`
     shear: Floats  # (n_cells,) shear moduli
-    outer: Ints  # (b,) cell of each boundary edge
-    outer_corners: Ints  # (b,) corner of a cell where the boundary edge begins
-    outer_edges: Ints  # (b, 2) nodes of each boundary edge, counter-clockwise
+    outer: Ints  # (b,) cells of boundary edges
+    outer_corners: Ints  # (b,) cell corners at which boundary edges begin
+    outer_edges: Ints  # (b, 2) end nodes of boundary edges, counter-clockwise
     outer_normals: Floats  # (b, 2) outward normals of boundary edges, as long as the edges
-    free: Floats  # (b, 2, 2) projectors onto directions in which no support holds the edge
+    free: Floats  # (b, 2, 2) projectors onto directions that supports leave free
     joints: Joints
 
     @cached_property
@@ -123,7 +123,7 @@ def extents(owner: Ints, arms: Floats) -> Floats:
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
-    """Return the skeleton of the mesh of a posed scene."""
+    """Return the skeleton of a posed scene."""
     mesh = plane_mesh(posed.space.mesh, "error_budget")
     shared = mesh.shared_edges
     edges = corner_edges(mesh.offsets, mesh.vertices)
@@ -149,10 +149,10 @@ class Instant:
 
     t: float
     u: Floats  # (n_nodes, 2)
-    lam: Floats  # (m, block) multipliers of norm terms
-    p: Floats  # (r,) multipliers of limits
-    weights: Floats  # (m,) weights of norm terms
-    worn: Floats  # (m,) work of norm terms since the initial instant
+    lam: Floats  # (m, block) multipliers of friction
+    p: Floats  # (r,) multipliers of obstacles
+    weights: Floats  # (m,) weights of friction
+    worn: Floats  # (m,) friction work since the initial instant
 
 
 def instant(history: History, row: int) -> Instant:

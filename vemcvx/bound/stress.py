@@ -42,11 +42,11 @@ from vemcvx.bound.fan import (
 from vemcvx.meshes.polygons import right_of
 
 VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]])
-"""The entries (2, 2, 3) of a symmetric tensor by its components xx, yy, xy."""
+"""The matrices (2, 2, 3) from components xx, yy, xy to symmetric tensors."""
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix from tau at stations to tau n, or to div tau if `n` is None."""
+    """Return the matrix from tau at stations to tau n or div tau."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)

@@ -33,11 +33,11 @@ from vemcvx.scene import ContactRows, PosedScene
 from vemcvx.vem.projection import tangents_of
 
 MASS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-"""The integrals int phi_i phi_j of linear basis functions over an edge of length one."""
+"""The integrals int phi_i phi_j of linear basis functions on an edge of unit length."""
 
 
 def products(a: Floats, b: Floats) -> Floats:
-    """Return the mean (b,) of the product of two linear functions on edges."""
+    """Return the mean products (b,) of linear functions on edges."""
     return np.asarray(np.einsum("bi,ij,bj->b", a, MASS, b))
 
 
@@ -84,7 +84,7 @@ class _Pressing:
 
     @property
     def stored(self) -> Floats:
-        """Upper bounds (b,) of the mean of k z_+^2 / 2 on edges."""
+        """Upper bounds (b,) of mean values of k z_+^2 / 2 on edges."""
         if self.stiffness is None:
             return np.zeros(len(self.ends))
         return np.asarray(0.5 * self.stiffness.max(axis=1) * squares_above_zero(self.depth))
@@ -277,7 +277,7 @@ class Boundary:
         return _Pressing(pressure, acts[:, 0], z, np.where(acts, k, 1.0) if compliant else None)
 
     def _depths(self, u: Floats, t: float, compliant: bool) -> tuple[Floats, Floats]:
-        """Return the depths z (b, 2), -inf without an obstacle, and the stiffnesses k (b, 2)."""
+        """Return depths z (b, 2), -inf without obstacles, and stiffnesses k (b, 2)."""
         fine, (distance, stiffness) = self.reader.fine, np.zeros((2, len(self.edges.outer), 2))
         distance += np.inf
         for obstacle in (one for one in self.reader.obstacles if (one.compliance > 0).any() == compliant):

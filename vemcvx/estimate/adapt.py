@@ -1,8 +1,8 @@
 """Adaptive meshes and instants for a requested accuracy: solve, estimate, mark and refine until the target is met.
 
-Each pass simulates the whole history, and estimates the squared error of each cell. It refines the fewest cells that
-have the fraction THETA of the sum of squares (Dorfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM
-J. Numer. Anal. 33, 1996). Steps with large time errors are split.
+Each pass simulates the whole history, and estimates the squared error of each cell. The pass refines the fewest cells
+that have the fraction THETA of the sum of squares (Dorfler, *A convergent adaptive algorithm for Poisson's equation*,
+SIAM J. Numer. Anal. 33, 1996). Steps with large time errors are split.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def split_steps(times: Floats, finer: Finer, unit: float, allowed: float) -> Flo
     # With smooth loads, two half steps have a quarter of the error.
     parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
-    # Split the fewest steps that have 0.8 of the sum of squares.
+    # Split the fewest steps with 0.8 of the squared error.
     for n in largest(squares, 0.8):
         a, b = times[n], times[n + 1]
         inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
@@ -77,7 +77,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """cell size and value by name, for extremes that may grow without limit on finer meshes"""
+    """cell size and value by name, for extremes that may be unbounded"""
 
     @property
     def total(self) -> float:
@@ -158,7 +158,7 @@ def adapt(
         Allowed relative error in the energy norm. The error is estimated at up to eight given instants, and at up to
         eight instants at which data bend, turn or jump (:func:`vemcvx.error_budget`).
     solver : Solver, or object with solve(program, target), optional
-        As for :func:`vemcvx.simulate`; an accuracy of a hundredth of the target suffices.
+        As for :func:`vemcvx.simulate`. An accuracy of target / 100 suffices.
     initial : None, "equilibrium", "settled" or vx.projected(u_0)
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
@@ -226,7 +226,7 @@ def adapt(
 
 @dataclass(frozen=True)
 class _Aim:
-    """The target of an adaptive run, and the settings of its passes."""
+    """The target and the settings of an adaptive run."""
 
     target: float
     initial: str | Projected | None
@@ -240,7 +240,7 @@ class _Aim:
         return np.union1d(self.wanted, self.turns)
 
     def steps(self, instants: Floats) -> Ints:
-        """Return the steps at whose ends the mesh error is estimated."""
+        """Return the steps with an estimate of the mesh error."""
         # Every estimate costs a back-substitution, so few instants are chosen.
         judged = np.union1d(_choose_evenly(self.wanted[1:], 8), _choose_evenly(self.turns, 8))
         return np.searchsorted(instants, judged)

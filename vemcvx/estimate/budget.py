@@ -1,8 +1,8 @@
-r"""The error of a run, as the sum of errors of the solver, the mesh and the steps.
+r"""The estimated error of a run, due to the solver, the mesh and the steps.
 
 $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 
-- "algebra" is the sum of certified errors over the steps (:attr:`vemcvx.History.certificate_total`).
+- "algebra" is the sum of the certified errors of all steps (:attr:`vemcvx.History.certificate_total`).
 - "space" is estimated by residuals in each cell (:mod:`.residual`).
 - "time" is estimated by a second run on the same mesh with finer steps (:mod:`.finer_steps`).
 
@@ -38,7 +38,7 @@ def require_same_form(posed: PosedScene, u: Floats) -> None:
     material = posed.material
     parts = cell_energies(posed.space, material.moduli, material.choose_stabilisation(posed.space.dim), about)
     apart = abs(energy - float(parts.sum()))
-    # Rounding gives a rotation an energy up to `rounding`.
+    # The computed energy of a rotation is at most `rounding`.
     rounding = 1e-14 * float(np.abs(about).ravel() @ (abs(stiffness) @ np.abs(about).ravel()))
     if apart > SAME * max(energy, float(parts.sum())) + rounding:
         raise SceneError(
@@ -103,7 +103,7 @@ class ErrorBudget(Outlined):
 
     @property
     def largest(self) -> dict[str, float]:
-        """The three parts and their sum at the step with the largest sum."""
+        """The three errors and the sum, at the step with the largest sum."""
         worst = int(np.argmax(self.total))
         return {name: float(getattr(self, name)[worst]) for name in ("algebra", "space", "time", "total")}
 

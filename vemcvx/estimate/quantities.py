@@ -1,4 +1,4 @@
-"""Friction work, work and wear, with estimates of their errors due to steps and mesh.
+"""Friction work, work and wear, with estimated errors due to steps and mesh.
 
 The scene is simulated twice more: in half steps, and with all cells refined. With the step size k and the mesh size h,
 the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| and 2 |Q_h - Q_{h/2}|. For wear, Q is the wear at the contact
@@ -36,8 +36,8 @@ def quantities(history: History) -> dict[str, Quantity]:
     Returns
     -------
     dict
-        The values "dissipated", "work" and "wear" with their errors. "wear" is the largest friction work at a contact
-        node, per length (in space: per area). All values count from the initial instant.
+        The values "dissipated", "work" and "wear" with estimated errors. "wear" is the largest friction work at a
+        contact node, per length (in space: per area). All values are accumulated from the initial instant.
 
     Raises
     ------
@@ -122,7 +122,6 @@ def _start(history: History) -> Floats:
 
 
 def _run_again(history: History, mesh: Mesh, times: Floats, begin: Floats | str | None) -> History:
-    """Simulate the scene again, without warnings."""
     with suppress_scene_warnings():
         posed = pose_scene(scene_of(history, "quantities"), mesh, times.tolist())
         initial = free_unknowns(begin, posed, times)

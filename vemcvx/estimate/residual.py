@@ -67,7 +67,7 @@ class MeshSides:
     normals: Floats  # outward unit normals (n_outer, dim)
     sizes: Floats  # lengths or areas (n_outer,)
     shares: sp.csr_matrix  # integrals of basis functions over outer sides (n_outer, n_nodes)
-    joints: Joints  # interfaces of two bodies
+    joints: Joints  # opposite sides at interfaces
     numbers: Callable[[Ints], Ints]
     """map from edges (k, 2) or faces (k,) to positions in `outer`"""
     corners: tuple[Ints, Floats]  # offsets (n_cells + 1,) and coordinates (c, dim) of corners

@@ -82,7 +82,7 @@ def _rectangles(corners: Floats) -> Bools:
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:
-    """Return the gradients of the strains of b xi eta on rectangles."""
+    """Return the strain gradients of b xi eta on rectangles."""
     corners, u = group.corners, displacement[group.nodes]
     b = 0.25 * ((u[:, 0] - u[:, 1]) + (u[:, 2] - u[:, 3]))
     sides = [corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]]
@@ -107,7 +107,7 @@ class Field:
     time : float
         The instant of the field.
     stabilisation : {"shear", "unit"}, a vx.Stabilisation, or None
-        As for `Elasticity`, for nodal distances.
+        The stabilisation in nodal distances, as for `Elasticity`.
 
     Raises
     ------
@@ -195,7 +195,7 @@ class Measured:
     reference : float
         The norm of the reference.
     cells : (n_cells,) array
-        The norm on each cell of the first mesh: absolute^2 = sum of cells^2.
+        The norms on the cells of the first mesh; the sum of squares is absolute^2.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def energy_distance(
     run, reference : History or Field
         The compared runs; relative values refer to `reference`.
     kind : {"projected", "exact", "nodal"}
-        The compared functions: see :mod:`vemcvx.estimate.measures.distance`.
+        The kind of distance, see :mod:`vemcvx.estimate.measures.distance`.
     step, reference_step : int
         Stored steps; negative numbers count from the end.
     time : float, optional

@@ -1,4 +1,4 @@
-"""Errors against closed forms, and tables of errors with their observed orders of convergence."""
+"""Errors against closed forms, and tables of errors with observed orders of convergence."""
 
 from __future__ import annotations
 

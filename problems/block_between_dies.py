@@ -7,9 +7,9 @@ along -n. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
 
-with Lame's moduli lambda and mu. This holds for all angles: n . (x - c) is constant along a straight side, so that u
-fits the dies. The force on a die or on the floor is p times the length of its side. The floor is a unilateral contact.
-The displacement is linear, hence exact on every mesh.
+with Lame's moduli lambda and mu. The solution holds for all angles, because n . (x - c) is constant along a straight
+side. The force on a die or on the floor is p times the length of its side. The floor is a unilateral contact. The
+displacement is linear, hence exact on every mesh.
 
     vemcvx run problems/block_between_dies.py --mesh voronoi --n 8 --steps 4 --plot
 """

@@ -1,9 +1,9 @@
 r"""The dovetail root of a blade in its slot, pulled more at one end than at the other.
 
-The root is a trapezoid in a slot along z. Its flanks are inclined by the angle b to the pull. We compute the half x > 0
-of the root. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over -l < z < l. Let N be
-the normal force on a flank, and T its friction force, which is directed towards the floor of the slot while the root
-slides out. Forces balance exactly:
+The root is a trapezoid in a slot along z. The flanks of the root are inclined by the angle b to the pull. We compute
+the half x > 0 of the root. The pull P(t) acts on the top of the whole blade, distributed like 1 + c z / l over
+-l < z < l. Let N be the normal force on a flank, and T its friction force, which is directed towards the floor of the
+slot while the root slides out. Forces balance exactly:
 
 $$ N \sin b + T \cos b = P / 2, \qquad M_x = c l P / 6, $$
 

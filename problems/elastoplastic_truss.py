@@ -23,8 +23,8 @@ This stress is above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two
-functions of the kind sigma(e). Its slope is k_0 up to F_1, where the middle bar yields, then k_1 up to F_2, where all
-bars yield, then k_2. The inverse v(F) is a sum of plays (L = A = 1):
+functions of the kind sigma(e). The slope of F(v) is k_0 up to F_1, where the middle bar yields, then k_1 up to F_2,
+where all bars yield, then k_2. The inverse v(F) is a sum of plays (L = A = 1):
 
 $$
 k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\

@@ -1,7 +1,7 @@
 r"""A block pushed over a rough obstacle: Section 4 of Feng, Han and Huang.
 
-The unit square is the cross-section of an elastic body in plane strain, E = 200, nu = .3. It is clamped on its right
-side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide but not lift off.
+The unit square is the cross-section of an elastic body in plane strain, E = 200, nu = .3. The body is clamped on its
+right side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide but not lift off.
 Tresca friction with the bound g = 4 resists sliding. The top is free. The traction on the left side is
 
 $$ f_2(x, t) = (8 (1.25 - x_2) t, -0.01 t), \qquad 0 \le t \le 1. $$

@@ -36,7 +36,7 @@ def hats(x):
 
 
 def scene_of(bounds):
-    """Return the scene with these bounds g at the knots."""
+    """Return the scene with the bounds g at the knots."""
     return vx.Scene(
         vx.Elasticity(YOUNG, 0.0),
         vx.Symmetry(on="left"),

@@ -7,7 +7,7 @@ pressure p(x) are
 $$ a^2 = 4 P R (1 - \nu^2) / (\pi E), \qquad p(x) = p_0 \sqrt{1-x^2/a^2}, \qquad p_0 = 2 P / (\pi a) $$
 
 (Johnson, *Contact Mechanics*, 4.2). The block is about 40 half-widths wide and 20 high, so that it is nearly a
-half-space. Its right half is computed. Cells have the width a/n at the contact, and grow outwards. The top is pressed
+half-space. The right half is computed. Cells have the width a/n at the contact, and grow outwards. The top is pressed
 down, and P is the sum of the computed contact forces.
 
     vemcvx run problems/hertz_contact.py --n 20 --steps 5 --plot

@@ -1,10 +1,10 @@
 r"""A lap joint: two strips, glued by a soft layer, are pulled apart.
 
 Two strips of height t and length l, with Young's moduli E_1 (lower) and E_2 (upper), nu = 0 and G_i = E_i / 2, are
-joined by glue of thickness t_g and shear modulus G_g. Strips and glue are three bodies whose meshes do not match. They
-are bonded by bilateral contact and by friction with so high a bound that nothing slips. The lower strip is held at its
-left end, and the force F pulls the upper strip at its right end. The outer faces of the strips are on rollers, because
-the theory neglects bending. Let q(x) be the shear stress of the glue, and C the shear compliance of the joint.
+joined by glue of thickness t_g and shear modulus G_g. Strips and glue are three bodies whose meshes do not match. The
+bodies are bonded by bilateral contact and by friction with so high a bound that nothing slips. The lower strip is held
+at its left end, and the force F pulls the upper strip at its right end. The outer faces of the strips are on rollers,
+because the theory neglects bending. Let q(x) be the shear stress of the glue, and C the shear compliance of the joint.
 Volkersen (1938) took the strips as rigid in shear. Here the shear stress of a strip falls linearly from q at the glue
 to zero at its outer face, so that each strip adds t / (3 G_i) to C (Tsai, Oplinger and Morton 1998):
 
@@ -13,7 +13,7 @@ q'' = k^2 q, \qquad k^2 = (1 / (E_1 t) + 1 / (E_2 t)) / C, \qquad C = t_g / G_g 
 q(x) = F / (C k \sinh k l) (\cosh(k x) / (E_2 t) + \cosh(k (l - x)) / (E_1 t)), \qquad \text{integral of } q = F.
 $$
 
-In shear the glue is a hundred times more flexible than both strips together. It therefore acts as a shear spring,
+In shear the glue is a hundred times more flexible than both strips together. The glue therefore acts as a shear spring,
 except within about t of its free ends.
 
     vemcvx run problems/lap_joint.py --n 4 --steps 1 --plot

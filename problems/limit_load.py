@@ -3,17 +3,18 @@ r"""Limit loads: the largest force that friction can bear before a body slides, 
 A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes this load without
 steps, as a cone program, with bounds from both sides. Three bodies have closed forms.
 
-*A footing* of the width W bears the weight N and a horizontal force F at the height h. It slides or tips at
+*A footing* of the width W bears the weight N and a horizontal force F at the height h. The footing slides or tips at
 
 $$ F = \min(\mu N, \, N W / 2h) . $$
 
-*A block* of the weight G lies on an incline of the angle a. A horizontal force F pushes the block uphill. It slides at
+*A block* of the weight G lies on an incline of the angle a. A horizontal force F pushes the block uphill. The block
+slides at
 
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) . $$
 
-*A plate* on a rough plane, with the friction bound g, is pushed at one end, across its axis. It turns about a point on
-this axis, at x = c. At node i the largest friction force is w_i, the integral of g times the basis function of the
-node. In a rotation about any c, the work of friction divided by the work of a unit force at the end x = L / 2 is an
+*A plate* on a rough plane, with the friction bound g, is pushed at one end, across its axis. The plate turns about a
+point on this axis, at x = c. At node i the largest friction force is w_i, the integral of g times the basis function of
+the node. In a rotation about any c, the work of friction divided by the work of a unit force at the end x = L / 2 is an
 upper bound of the limit load. F is the least of these bounds:
 
 $$ F = \min_c \frac{\sum_i w_i \sqrt{(x_i - c)^2 + y_i^2}}{L / 2 - c} . $$

@@ -6,8 +6,8 @@ $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le
 
 in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Equations are numbered as by
 Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So the
-initial displacement u_0 = w / 2 is not a state of rest. It satisfies the condition (2.1), because loads and friction at
-the bound balance its stresses. At t = 1/2 the block stops. From then on all nodes stick: the bound exceeds the friction
+initial displacement u_0 = w / 2 is not a state of rest. But u_0 satisfies the condition (2.1): loads and friction at
+the bound balance the stresses. At t = 1/2 the block stops. From then on all nodes stick: the bound exceeds the friction
 by b (t - 1/2) with b = `rise`.
 
 Runs begin from the projection P^h u_0 of (2.11). With an odd number N of steps of length k = 1 / N, the block stops in

@@ -19,8 +19,8 @@ $$ K_{ij} = A G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}
 
 Each vertex of a cell gets an equal part of the integral of f over the cell. The bound g is distributed in the same way.
 
-**Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. Its lower edge is
-pulled by q(t) and held by friction, with u = a. Its sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
+**Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. The lower edge is
+pulled by q(t) and held by friction, with u = a. The sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
 step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
@@ -28,7 +28,7 @@ $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 Virtual elements reproduce u, because u is linear. A closed loop between q = -Q and q = Q dissipates 4 g L H (Q - g).
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
-x = 0. Its other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
+x = 0. The other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
 as x grows. The play play_r(q) stays within r of q, and changes only if it must. With this play
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$

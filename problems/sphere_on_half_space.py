@@ -14,8 +14,8 @@ $$
 
 The stresses are given on the axis, at the depth zeta a (Johnson, *Contact Mechanics*, 3.4 and 4.2).
 
-A cylinder of radius and height 24 a replaces the half space. It is clamped at its bottom and free at its side. The
-cylinder is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
+A cylinder of radius and height 24 a replaces the half space. The cylinder is clamped at its bottom and free at its
+side. It is stiffer than the half space: its approach is 2.3 % smaller than Hertz' a^2 / R under the same force.
 Therefore the approach is prescribed, P is computed, and radius and pressure are compared with Hertz' formulas for this
 P. With cylinders half or twice as large, radius and peak change by at most .1 %.
 

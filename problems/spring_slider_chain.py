@@ -38,8 +38,8 @@ the chain (:func:`inverse`). Backward Euler makes no error here as long as the i
 
 Sums of plays have three properties. *Return-point memory*: when the input returns to an earlier turning point without a
 larger excursion, the state returns, too. The loop in between has no later effect. *Congruency*: closed loops between
-the same two inputs have the same shape, whatever came before. *Loss*: a closed loop dissipates its area. For the loop
-of force and displacement of the chain, between forces that differ by dF, the loss is
+the same two inputs have the same shape, for any past. *Loss*: a closed loop dissipates its area. For the loop of force
+and displacement of the chain, between forces that differ by dF, the loss is
 
 $$ \sum_j 2 r_j (dF - 2 r_j)_+ / k_j = \sum_i w_i (\text{path of block } i). $$
 
@@ -66,8 +66,8 @@ SOLVERS = (vx.Newton(), vx.Clarabel(accuracy=1e-5), vx.OSQP(accuracy=1e-5))
 def course(turns, increment=0.5, first=None):
     """Return the samples of an input between turning points, in equal increments after a `first` increment.
 
-    Errors of solvers are relative to the largest energy norm so far. This norm is zero until something moves, so
-    `first` should be large enough to cause slip.
+    Errors of solvers are relative to the largest energy norm so far. This norm is zero until a block moves, so `first`
+    should be large enough to cause slip.
     """
     turns = turns if first is None else (turns[0] + first, *turns[1:])
     legs = [np.linspace(a, b, round(abs(b - a) / increment) + 1)[1:] for a, b in pairwise(turns)]

@@ -12,7 +12,7 @@ in shear and contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-That form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. This
+This form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. This
 ratio goes to zero like 1 / lam *because* S does not contain lam: S does not penalise variations of the dilatation
 within a cell.
 

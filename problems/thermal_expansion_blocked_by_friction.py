@@ -1,7 +1,7 @@
 r"""A bar on a rough floor, heated and cooled: it expands from its ends only, and does not return completely.
 
 Half of a bar of length 2 L and height H is computed: x = 0 is its middle (a plane of symmetry) and x = L its free end.
-The bar lies on a floor with the friction bound g per length, in plane stress, with nu = 0. Its temperature theta is
+The bar lies on a floor with the friction bound g per length, in plane stress, with nu = 0. The temperature theta is
 uniform: 0, T, 0, T at t = 0, 1, 2, 3. The coefficient of expansion is alpha. In the model of a rod, s is the distance
 from the end. The force N(s) on the section (compression positive) and the displacement u of the end obey
 

@@ -12,10 +12,10 @@ e_z = -\nu(\sigma_r + \sigma_\theta) / E, \qquad \sigma_r + \sigma_\theta = -2 p
 $$
 
 The inner tube becomes longer and the outer tube shorter: they slide on each other by z times the difference of their
-strains e_z. Both tubes have 3n sectors in the quarter, so they approximate the circle r = b by the same polygon. Their
-layers do not match: n/2 in the inner tube, 3n/4 in the outer tube. With n = 8 the mean pressure agrees with Lame's
-within .6 %. Nodal pressures have errors O(h) and scatter by 4 %; the recovered pressures (`contact.pressure_recovered`)
-scatter by 1 %.
+strains e_z. Both tubes have 3n sectors in the quarter, so they approximate the circle r = b by the same polygon. The
+layers of the tubes do not match: n/2 in the inner tube, 3n/4 in the outer tube. With n = 8 the mean pressure agrees
+with Lame's within .6 %. Nodal pressures have errors O(h) and scatter by 4 %; the recovered pressures
+(`contact.pressure_recovered`) scatter by 1 %.
 
     vemcvx run problems/tubes_shrunk_on.py --n 8 --steps 2 --accuracy 1e-7 --plot
 """

@@ -33,7 +33,7 @@ SMALL = {"n": 6, "steps": 12}
 
 
 def thin_pad(angle):
-    """Return the torque T on a thin pad whose top rotates by these angles."""
+    """Return the torque T on a thin pad whose top rotates by `angle`."""
     c = np.minimum(RADIUS, FRICTION * PRESSURE * HEIGHT / (SHEAR * np.maximum(angle, 1e-9 * FIRST)))
     slips = np.pi * FRICTION * PRESSURE * (4 * RADIUS**3 - c**3) / 6
     return np.where(c < RADIUS, slips, np.pi * SHEAR * angle * RADIUS**4 / (2 * HEIGHT))

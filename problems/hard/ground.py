@@ -103,7 +103,7 @@ def split_nodes(n, part):
     cells = []
     for lower_left, lower_right, upper_right, upper_left in mesh.cells:
         # Around a split node, the lower left cell keeps the node and the upper right cell has its twin. The other two
-        # cells have both.
+        # cells have both nodes.
         corners = [
             [lower_left if twin[lower_left] < 0 else twin[lower_left]],
             [lower_right],

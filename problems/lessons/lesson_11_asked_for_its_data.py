@@ -20,7 +20,7 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. One slider: an answer with a kink
 #
-# The slider of lesson 1 rests at $u = 0$ and is pulled by $f > 0$. It stops at
+# The slider of lesson 1 rests at $u = 0$ and is pulled by $f > 0$. The slider stops at
 #
 # $$u(K, f, w) = \max\Bigl(0, \frac{f - w}{K}\Bigr) .$$
 #
@@ -111,8 +111,8 @@ assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
-# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. They only change the right-hand sides of
-# these equations. So the derivatives obey
+# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. The parameters only change the right-hand
+# sides of these equations. So the derivatives obey
 #
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #

@@ -241,8 +241,8 @@ print(f"{len(guesses)} guesses of position and force: the gap bounds the error o
 #
 # <details><summary>Answer</summary>
 #
-# In the lower graph the maximum is at the right end, at $\lambda = w$, and $D$ still rises there: friction is at its
-# bound, and the block slips. The slope of $D$ at this end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 = 0.4$, is the
+# In the lower graph the maximum is at the right end, at $\lambda = w$, and $D$ still rises at this end: friction is at
+# its bound, and the block slips. The slope of $D$ at this end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 = 0.4$, is the
 # slip. In the upper graph the maximum is in the interior, where the slope is zero: there is no slip.
 #
 # </details>

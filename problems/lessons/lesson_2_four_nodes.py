@@ -26,7 +26,7 @@ import vemcvx as vx
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# A conic program requires that vectors lie in *cones*. Its objective is linear or, as here, quadratic. So we replace
+# A conic program requires that vectors lie in *cones*. The objective is linear or, as here, quadratic. So we replace
 # each absolute value by a variable $d_i$, a distance, and require
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
@@ -254,10 +254,10 @@ discs_picture()
 # %% [markdown]
 # ## 4. The same from the package
 #
-# `vx.march` solves problems of this form. It takes a matrix, a load as a function of time, and the terms $w_i |s_i|$
-# (`vx.Norms`). `vx.Newton` is a semismooth Newton method (lesson 5), and `vx.Clarabel` is the interior-point method of
-# section 1. Each answer has a *certificate*, a bound on its error in the energy norm (lesson 6). So the distance of the
-# answers $u_N$ and $u_C$ is at most the sum of both certificates:
+# `vx.march` solves problems of this form. `march` takes a matrix, a load as a function of time, and the terms
+# $w_i |s_i|$ (`vx.Norms`). `vx.Newton` is a semismooth Newton method (lesson 5), and `vx.Clarabel` is the
+# interior-point method of section 1. Each answer has a *certificate*, a bound on its error in the energy norm
+# (lesson 6). So the distance of the answers $u_N$ and $u_C$ is at most the sum of both certificates:
 #
 # $$|u_N - u_C|_K \le \sqrt{2\,\mathrm{gap}_N} + \sqrt{2\,\mathrm{gap}_C}, \qquad |u|_K^2 = u^T K u .$$
 

@@ -5,9 +5,9 @@
 # *You need:* P1 finite elements, Gauss' theorem, linear elasticity. *You will see:* the stiffness matrix of a pentagon
 # by hand, equal to the matrix of the package; the patch test; and why nearly incompressible bodies lock on some meshes.
 #
-# Virtual elements are finite elements whose cells may be any polygons. Their functions are known on the boundary of a
-# cell only, hence *virtual*. The method needs only a few averages of each function, and these averages follow exactly
-# from the vertex values.
+# Virtual elements are finite elements whose cells may be any polygons. The functions of a cell are known on its
+# boundary only, hence *virtual*. The method needs only a few averages of each function, and these averages follow
+# exactly from the vertex values.
 #
 # Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and
 # $K$ is a stiffness matrix.
@@ -69,8 +69,8 @@ def functionals(x):
 
 # %% [markdown]
 # Linear fields are combinations of two translations, one rotation and three fields of constant strain. Their vertex
-# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, its six functionals are $FVp$. They must
-# equal the functionals $Fv$ of $v$, so
+# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, its six functionals are $FVp$. These
+# functionals must equal the functionals $Fv$ of $v$, so
 #
 # $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
 #   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$
@@ -175,10 +175,10 @@ assert free_modes(cell_stiffness(pentagon, *moduli, eta=0.0)) == 7
 #
 # <details><summary>Answer</summary>
 #
-# The first term gives the energy of the modes of strain. They are linear fields, so $\Pi v = v$ and $S_\omega = 0$. The
-# second term gives the energy of the hourglasses: their mean strain is zero, so the first term is zero, and
-# $S_\omega(v, v) = \eta |v|^2$. If you increase $\eta$, the eigenvalues of the two hourglasses, which equal $\eta$,
-# increase. The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
+# The first term gives the energy of the modes of strain. These modes are linear fields, so $\Pi v = v$ and
+# $S_\omega = 0$. The second term gives the energy of the hourglasses: their mean strain is zero, so the first term is
+# zero, and $S_\omega(v, v) = \eta |v|^2$. If you increase $\eta$, the eigenvalues of the two hourglasses, which equal
+# $\eta$, increase. The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
 #
 # </details>
 

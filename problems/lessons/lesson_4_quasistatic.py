@@ -245,9 +245,9 @@ body_picture(histories[40])
 #
 # ## 5. Memory fades or stays, but never grows
 #
-# Two equal bodies with different pasts carry the same load from some instant on. Their states are $u_n$ and $\bar u_n$.
-# Take $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles for the
-# second. If we add both inequalities, the terms in $j$ cancel, and
+# Two equal bodies with different pasts carry the same load from some instant on. The states of the bodies are $u_n$ and
+# $\bar u_n$. Take $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles
+# for the second. If we add both inequalities, the terms in $j$ cancel, and
 #
 # $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\
 #   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$

@@ -252,9 +252,9 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 
 # %% [markdown]
 # With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the second
-# block has the force 1 and the slip $-1$. Its trial force is $\hat\lambda_2 = 1 - \gamma_2$, which lies within $\pm 1$
-# while $\gamma_2 \le 2$. The package takes 0.1 divided by the flexibility. But a small shift does not guarantee
-# convergence. We try 60 random programs.
+# block has the force 1 and the slip $-1$. The trial force of this block is $\hat\lambda_2 = 1 - \gamma_2$, which lies
+# within $\pm 1$ while $\gamma_2 \le 2$. The package takes 0.1 divided by the flexibility. But a small shift does not
+# guarantee convergence. We try 60 random programs.
 
 
 # %%
@@ -285,7 +285,7 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 #
 # $$\mathrm{gap}(u, \lambda) = \tfrac12 r^TK^{-1}r + \sum_i(w_i|s_i| - \lambda_i s_i) .$$
 #
-# *The slow method* is the projected gradient for the dual. It maximises
+# *The slow method* is the projected gradient for the dual. This method maximises
 # $D(\lambda) = -\tfrac12 (f - \lambda)^TK^{-1}(f - \lambda) - \lambda^Tu_{prev}$ over the box $|\lambda_i| \le w_i$.
 # The gradient of $D$ is the slip $s = K^{-1}(f - \lambda) - u_{prev}$, so one iteration is
 #
@@ -376,8 +376,8 @@ safeguard_picture()
 
 # %% [markdown]
 # The package's `vx.Newton` works in this way, with the small shift and faster sure steps (accelerated projected
-# gradients for the forces). It also treats cones, bounds and springs. **Question:** in its last round the blue curve
-# falls by many orders of magnitude. Which section of this lesson explains this?
+# gradients for the forces). `vx.Newton` also treats cones, bounds and springs. **Question:** in its last round the blue
+# curve falls by many orders of magnitude. Which section of this lesson explains this?
 #
 # <details><summary>Answer</summary>
 #

@@ -71,12 +71,12 @@ assert max(count_guesses(f, gamma, pushed) for f in pulls for gamma in shifts if
 assert count_guesses(0.0, 3.0, pushed) == 40
 
 # %% [markdown]
-# **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. It is pulled at
-# its free end by 0.705. As long as a node sticks, the part of the rod between this node and the wall carries no force.
-# So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to every other
-# node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63 nodes slip
-# already, and the iteration takes about a tenth of the rounds. So each time step of the package starts from the sets of
-# the step before.
+# **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. The rod is
+# pulled at its free end by 0.705. As long as a node sticks, the part of the rod between this node and the wall carries
+# no force. So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to
+# every other node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63
+# nodes slip already, and the iteration takes about a tenth of the rounds. So each time step of the package starts from
+# the sets of the step before.
 
 
 # %%

@@ -131,11 +131,11 @@ print(f"certified / true error: {ratio[:8].mean():.0f} for small errors, {ratio[
 #
 # The first answer has the better certificate. Take the forces of the solution, $\lambda = \lambda^*$, and let the
 # slipping nodes slip in the right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is
-# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that slips
-# by $s_i$ adds $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
+# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This gap is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that
+# slips by $s_i$ adds $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
 #
-# Active-set methods set exactly $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips. Their gap is
-# $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
+# Active-set methods set exactly $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips. The gap of
+# their answers is $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
 #
 # </details>
 
@@ -278,9 +278,9 @@ assert abs(found.gap - gap(moved, forces)) <= found.floor + 1e-12 * found.gap
 # %% [markdown]
 # ## What a certificate cannot tell
 #
-# A certificate bounds the distance to the solution *of this program*. It does not contain the error of the mesh. On two
-# meshes, solutions that are certified up to rounding have energies that differ by some per cent. Lesson 7 measures the
-# error of the mesh.
+# A certificate bounds the distance to the solution *of this program*. The certificate does not contain the error of the
+# mesh. On two meshes, solutions that are certified up to rounding have energies that differ by some per cent. Lesson 7
+# measures the error of the mesh.
 
 # %%
 coarse, fine = (vx.simulate(scene, vx.meshes.squares(n), times) for n in (4, 16))

@@ -105,8 +105,8 @@ assert np.abs(history.displacement[..., 0] - exact).max() <= 1e-11 * speed
 assert np.abs(history.displacement[..., 1]).max() <= 1e-11 * speed
 
 # %% [markdown]
-# **3.** The midpoint rule, $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = p$, is of second order. With friction, it
-# balances the forces in the *middle* of the step and respects the friction bound there. The force at the end of the
+# **3.** The midpoint rule, $c\,(U_n - U_{n-1}) / k + M (U_n + U_{n-1}) / 2 = p$, is of second order. With friction,
+# this rule balances the forces and respects the friction bound in the *middle* of the step. The force at the end of the
 # step is extrapolated from the middle, so it may exceed the bound and oscillate from step to step. Backward Euler
 # respects the bound at the end of every step.
 

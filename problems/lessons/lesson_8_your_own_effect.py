@@ -13,8 +13,8 @@
 # stiffness to $a$, viscosity to $b$, friction bounds to $j$, loads to $\ell$; supports and obstacles restrict the
 # admissible $v$. The scene adds all contributions. If the library lacks an effect, you can write it.
 #
-# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary, whose outward normal is $n$. Their
-# traction resists the velocity. The damping $c$ is a force per area and velocity:
+# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary, whose outward normal is $n$. The
+# traction of the dashpots resists the velocity. The damping $c$ is a force per area and velocity:
 #
 # $$\sigma n = -c\, \dot u \quad \text{on } \Gamma, \qquad c \ge 0 .$$
 #
@@ -91,7 +91,7 @@ class Dashpots(vx.Effect):
 #
 # ## A closed form as a test
 #
-# Take a bar between rollers. Its right end is held. A constant traction $p$ pushes the left end from $t = 0$ on, and
+# Take a bar between rollers. The right end is held. A constant traction $p$ pushes the left end from $t = 0$ on, and
 # the dashpots act at this end. The bar has length 1, all strains are uniform, and the modulus of a body that cannot
 # expand sideways is $M = E(1 - \nu) / ((1 + \nu)(1 - 2\nu))$. So the displacement $U$ of the left end satisfies
 #

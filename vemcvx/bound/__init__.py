@@ -1,8 +1,8 @@
 """Guaranteed bounds on the error, by admissible stresses and admissible displacements.
 
-C is the elastic tensor, eps(v) the strain of a displacement v, and (., .) the integral of a product over the body. The
-norm of a stress tau is |tau| = (tau, C^-1 tau)^{1/2}. The norm of a displacement v is |v| = a(v, v)^{1/2}, also written
-|v|_a, with a(v, w) = (C eps(v), eps(w)).
+C is the elastic tensor, eps(v) the strain of a displacement v, and (., .) the integral of a product over the body. Let
+a(v, w) = (C eps(v), eps(w)). A displacement v has the norm |v| = |v|_a = a(v, v)^{1/2}, and a stress tau has the norm
+|tau| = (tau, C^-1 tau)^{1/2}.
 
 **The step.** The exact displacement u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) among the
 displacements v that supports admit. Here sigma_0 is the prestress, and l(v) the work of the loads. The convex function

@@ -3,7 +3,7 @@
 The quantity q(u) is the work of a load on the displacement u. If the quantity also prescribes a displacement u_D of
 supports, q(u) includes the work of support forces on u_D. As in :mod:`vemcvx.bound`, u and sigma are exact, and v and
 tau are admissible. With the elastic tensor C and the prestress sigma_0, r = tau - sigma_0 - C eps(v) has the norm A.
-The laws of friction and contact have the defect b. Let e = u - v.
+Let b be the defect of v and tau in the laws of friction and contact, and e = u - v.
 
 The dual pair is a displacement z_h with z_h = z_D := -u_D on supports, and a stress tau_z in equilibrium with the load
 of q. The defect of the dual pair is r_z, with the norm A_z. Let T(w) be the work on w of the loads, friction and
@@ -23,8 +23,8 @@ by at most A_z (A^2 / 4 + b)^{1/2}, the half width of the interval. Without fric
 
 The proof assumes that z_h and the traction of tau_z are zero where friction and obstacles act. Where contact cannot
 open, tau_z may have a normal traction. If z_D moves an end of an edge with friction, the frictions of sigma and tau can
-do different work on z_h. The half width then includes a bound on the difference. The bounds also hold for v + w and
-z_h + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
+do different work on z_h. The half width then includes a bound on the difference. The bounds also hold for v + w and z_h
++ w_z, with the corrections w and w_z of :mod:`.hypercircle`.
 
 Let l_0 be the load minus a linear fit, with the norm eta, and q_0 the quantity minus a linear fit (:mod:`.reading`).
 The half width includes an estimate of |l_0(z_h) + q_0(u)| + A_z eta.

@@ -47,7 +47,7 @@ class Reading:
 
     tractions: Floats  # (b, 2, 2) tractions at the ends of edges
     friction: Floats  # (b, 2) given friction bounds at the ends of edges
-    body: Floats  # (n_cells, 6) coefficients of body forces, as in fan.Fans
+    body: Floats  # (n_cells, 6) coefficients of body forces
     omitted: Floats  # scaled remainders, with the norm eta
 
     @property
@@ -192,7 +192,7 @@ class Reader:
 
 
 def stiffness_of(obstacle: Obstacle) -> Floats:
-    """Return the stiffness per length (m,) of an obstacle, zero where the obstacle is rigid."""
+    """Return the stiffness per length (m,) of an obstacle, zero if rigid."""
     soft = obstacle.compliance > 0
     return np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
 

@@ -241,7 +241,7 @@ class Boundary:
 
     @property
     def follows_pressure(self) -> bool:
-        """True if a friction bound depends on the solution."""
+        """True if a friction bound depends on the pressure."""
         return any(friction.law is not None for friction in self.reader.frictions)
 
     def _slip(self, now: Instant, before: Instant) -> Floats:

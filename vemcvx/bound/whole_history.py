@@ -7,8 +7,8 @@ prime is a derivative in time. Green's formula and Tresca's law give
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
-where <., .> is the inner product of the norm |.|. By Brezis' lemma, y <= a + int m follows from
-y^2 / 2 <= a^2 / 2 + int m y. In step n all fields are linear in time. Let D_n be the integral of D' over step n. Then
+where <., .> is the inner product of the norm |.|. By Brezis' lemma, y <= a + int m follows from y^2 / 2 <= a^2 / 2 +
+int m y. In step n all fields are linear in time. Let D_n be the integral of D' over step n. Then
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,      |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2,
 
@@ -18,8 +18,8 @@ orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |
 **The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
 zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b with b of this first step.
 
-**Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. The bound then
-contains an estimate, SAFETY times the largest distance of the two runs so far in the energy norm.
+**Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. We then add
+SAFETY times the largest distance of both runs so far in the energy norm.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Pass:
 
     @property
     def total(self) -> float:
-        """The sum of the three parts."""
+        """The sum of algebra, space and time."""
         return self.algebra + self.space + self.time
 
 

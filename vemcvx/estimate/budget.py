@@ -98,7 +98,7 @@ class ErrorBudget(Outlined):
 
     @property
     def total(self) -> Floats:
-        """The sum (S,) of the three parts."""
+        """The sum (S,) of algebra, space and time."""
         return self.algebra + self.space + self.time
 
     @property

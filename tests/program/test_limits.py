@@ -64,7 +64,6 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
     assert np.abs(history.displacement[:, :, 0]).max() < tolerance * 0.05
     stored = 0.0 if stiffness is None else 0.5 * pressure**2 / stiffness * 2.0
     assert history.energy == pytest.approx(0.5 * OEDOMETER * strain**2 * 2.0 * HEIGHT + stored, abs=tolerance * 1e-2)
-    # The numerical loss 1/2 a(du, du) + p . D du is never negative.
     assert (np.diff(history.work - history.energy) >= -1e-12 * history.work.max()).all()
 
 

@@ -66,10 +66,10 @@ FLOORS = {
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 @pytest.mark.parametrize(("floor", "tau"), [("Tresca", 0.05), ("Coulomb", 0.0), ("Coulomb", 0.05), ("capped", 0.0)])
 def test_a_viscous_block_sheared_over_a_rough_floor_follows_its_recurrence(family, solver, floor, tau):
-    """A block of height H is pressed and sheared by gamma: |mu (gamma + tau gamma')| <= g, with equality in slip.
+    """A block of height H is pressed and sheared.
 
-    Let k be the length of a step, and r = tau / k. The top moves by U_n, the base by a_n: u = (a_n + gamma y, 0) and
-    gamma = (U_n - a_n) / H. While the block sticks, a_n is constant. While the block slips,
+    Let mu be the shear modulus, g the friction bound, k the step length, and r = tau / k. The top moves by U_n, and the
+    base by a_n. The shear is gamma = (U_n - a_n) / H. While the block sticks, a_n is constant. While the block slips,
     mu (gamma + r (gamma - gamma_prev)) = +-g.
     """
     times = np.linspace(0, 5, 21)

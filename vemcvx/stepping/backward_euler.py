@@ -10,9 +10,9 @@ replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 Errors are relative to `scale`, the largest energy norm of the states so far. If `scale` is tiny, errors are relative to
 `size`, the largest energy norm that data could cause. A load f could cause the norm |K^{-1}f|_K.
 
-The initial state u_0 must obey condition (2.1): a step of length zero from u_0 ends at u_0. If the step ends elsewhere,
-the certificate of step 0 is |jump| + (error of the step). This sum bounds the distance from u_0 to a state that obeys
-(2.1).
+The initial state u_0 must obey condition (2.1): a step of length zero from u_0 ends at u_0. If the step jumps away, the
+certificate of step 0 is the norm of the jump plus the error of the step. This sum bounds the distance from u_0 to a
+state that obeys (2.1).
 """
 
 from __future__ import annotations

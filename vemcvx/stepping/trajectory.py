@@ -32,7 +32,7 @@ BATCH_SIZE = 8  # Number of states that are certified together.
 
 
 class Memory:
-    """Storage of rows in memory, for the lifetime of the process."""
+    """Storage of rows in memory."""
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
         """Return an array of zeros."""

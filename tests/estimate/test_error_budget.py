@@ -24,7 +24,7 @@ def measure_effectivity(poisson, family, n):
     history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, 9), store="last", solver=solver)
     true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
     budget = error_budget(history)
-    assert budget.time[-1] <= 1e-10, "data grow in proportion to time: steps are exact"
+    assert budget.time[-1] <= 1e-10, "steps are exact for data proportional to time"
     return budget.largest["total"] / true.relative
 
 

@@ -31,7 +31,7 @@ def measure_effectivity(poisson, family, n):
         solver=vx.Newton(accuracy=1e-6) if poisson > 0.4999 else None,
     )
     budget = vx.error_budget(history)
-    assert budget.time[-1] <= 1e-8, "data grow in proportion to time: steps are exact to the accuracy of the solver"
+    assert budget.time[-1] <= 1e-8, "steps are exact for data proportional to time"
     return budget.largest["total"] / full_slip.energy_error(history, plane.lame(poisson))
 
 

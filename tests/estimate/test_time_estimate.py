@@ -36,7 +36,7 @@ def compare_steps(scene, mesh, times, initial=None, parts=24):
     apart = states[0] - states[1][np.searchsorted(fine, times)]
     true = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (posed.system.K @ apart.T).T), 0.0)).max()
     if found.norm == 0.0:
-        assert true <= 1e-12, "without friction no state depends on its past"
+        assert true <= 1e-12, "without friction, states do not depend on the path"
         return 1.0, 0.0
     return found.errors.max() / max(true, NOISE * found.norm), true / found.norm
 

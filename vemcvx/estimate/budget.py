@@ -6,7 +6,7 @@ $$ \text{total} = \text{algebra} + \text{space} + \text{time} $$
 - "space" is estimated by residuals in each cell (:mod:`.residual`).
 - "time" is estimated by a second run on the same mesh with finer steps (:mod:`.finer_steps`).
 
-All three are energy norms, relative to the largest energy norm of the run.
+All parts are energy norms, relative to the largest energy norm of the run.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Friction work, work and wear, with estimated errors due to steps and mesh.
 
 The scene is simulated twice more: in half steps, and with all cells refined. With the step size k and the mesh size h,
-the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| and 2 |Q_h - Q_{h/2}|. For wear, Q is the wear at the contact
-node with the largest difference (docs/theory/error_estimates.md).
+the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| (steps) and 2 |Q_h - Q_{h/2}| (mesh). For wear, Q is the wear at
+the contact node with the largest difference (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The residual estimate eta_K of the mesh error in each cell K.
 
     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                                body force
-                   + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, half to each neighbour
+                   + sum over inner sides     d_e / (4 mu) |[(sigma + q) n]|^2_e / 2       jumps, halved between cells
                    + sum over boundary sides  d_e / (2 mu) |t - (sigma + q) n|^2_e )       loads, contact, springs
               + int_K q I : C^{-1} q I
               + the larger of
@@ -18,10 +18,10 @@
   norm. Residuals on boundary sides have only the components that supports leave free.
 - c is CONSTANT or, in space, IN_SPACE (docs/theory/error_estimates.md).
 - h_K is the longest side of a box with the second moments of K. l_e is the width of K along an edge.
-- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) with the diameter D_K and N_K vertices of K. The
-  pressure q in space is constant in each cell, and minimises the sum of all terms with q.
+- In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) with the diameter D_K and the number N_K of
+  vertices. The pressure q in space is constant in each cell, and minimises the sum of all terms with q.
 - t_e is the mean of t over a side. f_K, C_K and sigma_0K are values at the centroid of K. In the plane, friction
-  bounds and gaps that are not linear between nodes add the terms of :mod:`vemcvx.bound.reading`.
+  bounds and gaps that are not linear between nodes also add terms (`Reader.local_errors`).
 - d_e is the mean width *across* e of the cells that meet at e.
 
 The terms follow Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and Cangiani,

@@ -32,12 +32,10 @@ class Fitting:
     def __call__(self) -> None:
         """Fit parameters of a problem to a measured loop, and print them with standard errors."""
         problem, (times, measured) = read_problem(self.file), read_measured(self.measured)
-        names = tuple(name.strip() for name in self.by.split(","))
-        given = problem.numbers(self.settings)
-        for name in names:
-            if name not in given:
-                known = ", ".join(given) or "none"
-                raise ProblemError(f"--by: found {name!r}; parameters of the scene that are numbers: {known}.")
+        names, given = tuple(name.strip() for name in self.by.split(",")), problem.numbers(self.settings)
+        if not given.keys() >= set(names):
+            known = ", ".join(given) or "none"
+            raise ProblemError(f"--by: found {self.by}; parameters of the scene that are numbers: {known}.")
         start = np.array([given[name] for name in names])
         mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
         others = [setting for setting in self.settings if setting.partition("=")[0] not in names]
@@ -56,15 +54,12 @@ def read_measured(path: Path) -> tuple[Floats, dict[str, Floats]]:
 
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            head, *rows = [row for row in csv.reader(file) if row] or [[]]
-        names = [name.strip() for name in head]
-        if "t" not in names or len(set(names)) < len(names) or any(len(row) != len(names) for row in rows):
-            words = "'t' is missing, a name is repeated, or a row has another number of cells"
-            raise ValueError(f"its first line is {', '.join(names)!r}, and {words}")
-        table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows])
-        columns = dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
-        return columns.pop("t"), columns
-    except (OSError, ValueError, csv.Error) as error:
+            columns = list(zip(*filter(None, csv.reader(file)), strict=True))
+        found = {name.strip(): np.array([cell.strip() or "nan" for cell in cells], float) for name, *cells in columns}
+        if len(found) < len(columns):
+            raise ValueError("a name is repeated")
+        return found.pop("t"), found
+    except (OSError, ValueError, KeyError, csv.Error) as error:
         raise ProblemError(
             f"--measured: {path} cannot be read: {error}. Wanted a table with commas. Its first line names a column t "
             'and quantities such as "reaction of top x". Each later line has a number or nothing in each column.'

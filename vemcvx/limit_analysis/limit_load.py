@@ -1,13 +1,9 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
-The columns of N are the rigid motions that no support prevents. A motion N c has the slips B N c, and approaches the
-obstacles by D N c. Let f_0 be the loads of the scene, and f the load to multiply. Friction forces lam have the bound
-w + J p at the pressures p: Tresca's law has J = 0; Coulomb's law has w = 0 and J p = mu p. The factor is the largest
-alpha with
+The columns of N are the rigid motions that no support prevents, f_0 are the loads of the scene, and f is the load to
+multiply. Friction forces lam have the bound w + J p at the pressures p. The factor is the largest alpha with
 
     N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
-
-A mechanism, D N c + J'|B N c| <= 0 and f'N c = 1, gives the upper bound sum_i w_i |B_i N c| - f_0'N c.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-r"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
+"""Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
 
-Let g be the friction bounds, and f_0 the loads at the first instant. The columns of N are rigid motions, and B maps
-displacements to slips. Let E(t) be the change of friction forces since the first instant while all contact sticks. The
-factor alpha multiplies changes of loads. By Melan's theorem slip stops if constant forces s exist with N'B's = N'f_0
-and |s_i + alpha E_i(t)| <= g_i for all nodes i and instants t. Let v(t) be increments of slip whose sum is a rigid
-motion: sum_t v(t) = B N c. By Koiter's theorem alpha is at most
-
-    (sum_it g_i |v_i(t)| - f_0'N c) / sum_it E_i(t) . v_i(t).
+Let g be the friction bounds, f_0 the loads at the first instant, N the rigid motions, and E(t) the change of friction
+forces since the first instant while all contact sticks. By Melan's theorem slip stops for a factor alpha of changes if
+constant forces s exist with N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i. Koiter's theorem gives upper bounds.
 """
 
 from __future__ import annotations

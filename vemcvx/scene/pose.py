@@ -79,7 +79,6 @@ class PosedScene:
     prestress: InitialStresses | None  # stresses at zero strain
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A
     inactive: tuple[str, ...]  # sentences on omitted frictions and on pins
-    kernel: Kernel | None  # rigid motions that only friction or contact resists
     curves: tuple[str, ...]  # subjects of effects on curved boundaries
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous nodal forces per nodal velocity
     laws: tuple[Contribution, ...]  # contributions of materials, without stiffness
@@ -89,6 +88,23 @@ class PosedScene:
     caused_loads: tuple[tuple[int, Load], ...]  # (effect number, load)
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # (effect number, stiffness of springs)
     pins: tuple[Support, ...]  # supports without force (scene.rigid)
+
+    @cached_property
+    def kernel(self) -> Kernel | None:
+        """The rigid motions that only friction or contact resists; a warning names these motions."""
+        felt = self.supports.on_free(sp.vstack([self.terms.acting_rows, self.obstacles.rows]))
+        kernel, of_bodies = floating_motions(self.space, self.supports, felt, self.springs)
+        if kernel is not None:
+            words = (
+                "supports: nothing but friction or one-sided contact holds the body against "
+                f"{' and '.join(kernel.names)}. Stresses and contact forces are unique, but the displacement may be "
+                "unique only up to this motion."
+            )
+            if of_bodies:
+                logging.getLogger("vemcvx").info("%s", words)
+            else:
+                warnings.warn(words, SceneWarning, stacklevel=2)
+        return kernel
 
     @cached_property
     def system(self) -> System:
@@ -151,7 +167,17 @@ def suppress_scene_warnings() -> Iterator[None]:
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Return a scene posed on a mesh, without frictions that are zero at all `times`."""
+    """Return a scene posed on a mesh, without frictions that are zero at all `times`; refuse a body that floats."""
+    posed = pose_unchecked(scene, mesh, times)
+    _ = posed.kernel
+    warn_of_free_normals(posed.terms.frictions, posed.supports, posed.obstacles, posed.springs)
+    if posed.pins:
+        check_balance(posed.force, mesh.points, times if len(times) else between)
+    return posed
+
+
+def pose_unchecked(scene: Scene, mesh: Mesh, times: Sequence[float]) -> PosedScene:
+    """Return a posed scene without a search for rigid motions of the body."""
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
@@ -162,7 +188,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
     terms, obstacles, surface = pose_contact(surfaces, frictions, stops, supports, times)
     forms = [p.material.stiffness(space) for p in parts if p.material is not None and p.stiffness is None]
     laws = [p for effect, p in zip(scene.canonical, parts, strict=True) if isinstance(effect, MaterialLaw)]
-    posed = PosedScene(
+    return PosedScene(
         scene=scene,
         space=space,
         supports=supports,
@@ -173,7 +199,6 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         surface=surface,
         material=material,
         prestress=prestress,
-        kernel=_find_kernel(space, supports, sp.vstack([terms.acting_rows, obstacles.rows]), springs),
         springs=springs,
         inactive=(*inactive, *[UNHELD] * len(pins)),
         curves=_chain(p.curves for p in parts),
@@ -183,10 +208,6 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
         pins=pins,
         **_find_causes(parts, supports),
     )
-    warn_of_free_normals(frictions, supports, obstacles, springs)
-    if pins:
-        check_balance(posed.force, mesh.points, times if len(times) else between)
-    return posed
 
 
 def _check_revolution(space: Space, material: Material) -> None:

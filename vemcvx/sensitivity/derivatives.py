@@ -42,15 +42,15 @@ from vemcvx.history import History
 from vemcvx.meshes import Mesh
 from vemcvx.program.forces import Delassus, Point
 from vemcvx.results import record
-from vemcvx.scene import Scene, pose_scene, suppress_scene_warnings
+from vemcvx.scene import Scene, pose_scene, pose_unchecked, suppress_scene_warnings
 from vemcvx.scene.pose import PosedScene
 from vemcvx.sensitivity.observed import FORMS, Gradients, Observed, Quantities, find_quantities
 from vemcvx.simulation import begins, check_kinds, free_unknowns
 from vemcvx.solvers import Newton, Solver
 from vemcvx.solvers.law import Weights
 from vemcvx.solvers.newton import REGULARISATION, ActiveSets, build_columns, build_matrix
-from vemcvx.stepping import Memory, check_times, march
-from vemcvx.stepping.backward_euler import prepare
+from vemcvx.stepping import Memory, check_times, prepare
+from vemcvx.stepping.backward_euler import march_prepared
 from vemcvx.stepping.state import Frame, PreparedRun
 
 log = logging.getLogger("vemcvx")
@@ -141,7 +141,12 @@ class Sensitivities:
         for n, step in self._steps.items():
             before, (dy, dx) = dy, step.forward(self._changes[n], dy)
             found[:, n] = rows.y[:, n] @ dy + rows.before[:, n] @ before + rows.x[:, n] @ dx
-        return self._sum_losses(found) + self._explicit
+        found[self._lost] = np.cumsum(found[self._lost], axis=1)
+        return found + self._explicit
+
+    @property
+    def _lost(self) -> Bools:
+        return np.array(self.of) == "dissipated"
 
     def gradient(self, weights: ArrayLike) -> Floats:
         """Return the derivatives (P,) of the sum of weights times values, by one adjoint sweep.
@@ -158,19 +163,14 @@ class Sensitivities:
         """
         shape, rows = self.values.shape, self._rows
         given = as_shaped_array(weights, "gradient: weights", f"an array {shape}", shape)
-        each = self._sum_losses(given[:, ::-1])[:, ::-1]
         found, by_y = np.einsum("qt,qtp->p", given, self._explicit), np.zeros((rows.y.shape[2], 1))
+        each = np.where(self._lost[:, None], np.cumsum(given[:, ::-1], axis=1)[:, ::-1], given)
         for n, step in reversed(self._steps.items()):
             y, before, x = ((each[:, n] @ of[:, n])[:, None] for of in (rows.y, rows.before, rows.x))
             *by_data, by_y = step.backward(by_y + y, x)
             by_y = by_y + before
             found = found + sum((d.T @ by)[:, 0] for d, by in zip(self._changes[n], by_data, strict=True))
         return found
-
-    def _sum_losses(self, rows: Floats) -> Floats:
-        """Return `rows` with cumulative sums of the increments of "dissipated"."""
-        names = zip(self.of, rows, strict=True)
-        return np.array([np.cumsum(row, axis=0) if name == "dissipated" else row for name, row in names])
 
 
 def sensitivities(
@@ -242,21 +242,23 @@ def sensitivities(
         raise SceneError(f"sensitivities: found initial = {brief(initial)}; there are None, an array and 'settled'.")
     times = check_times(times)
 
-    def pose(values: Floats) -> PosedScene:
+    def pose(values: Floats, posed: Callable[..., PosedScene] = pose_unchecked) -> PosedScene:
         scene = call_function(scene_of, (values,), f"scene_of({brief(values)}) failed", "return a vemcvx.Scene")
         if not isinstance(scene, Scene):
             raise SceneError(f"scene_of: found {brief(scene)} as its result; it must return a vemcvx.Scene.")
         check_kinds(scene, mesh)
-        return pose_scene(scene, mesh, times.tolist())
+        return posed(scene, mesh, times.tolist())
 
-    posed = pose(parameters)
+    posed = pose(parameters, pose_scene)
     _refuse(posed)
     quantities, solver = find_quantities(of, posed), Newton(accuracy=1e-10) if solver is None else solver
-    found = march(posed.system, times, solver=solver, initial=free_unknowns(initial, posed, times))
+    run = prepare(posed.system, solver, True, True, shortest=float(np.diff(times).min(initial=np.inf)))
+    found = march_prepared(run, times, free_unknowns(initial, posed, times), np.arange(len(times)), storage=Memory())
     history = History.from_results(record(posed, found, 0.0, Memory()), begins(initial))
-    at, run = Observed.evaluate(posed, history), prepare(posed.system, None, True, True)
-    E = _unit_states(run)
-    rows = quantities.differentiate(posed, at, E, run.condensation.solve_interior)
+    at = Observed.evaluate(posed, history)
+    P, condensation, m = posed.supports.P, run.condensation, len(run.condensation.retained)
+    E = P if condensation.whole else P @ condensation.complete(np.zeros((P.shape[1], m)), np.eye(m))
+    rows = quantities.differentiate(posed, at, E, lambda f: P @ condensation.solve_interior(P.T @ f))
     steps, one_sided = _linearise(run, history, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
@@ -266,16 +268,8 @@ def sensitivities(
     else:
         changes = _field_changes(posed, at.p, shapes, len(parameters), E.shape[1])
         explicit = np.zeros((len(of), len(times), len(parameters)))
-    return Sensitivities(
-        of=tuple(of),
-        values=quantities.values(at),
-        history=history,
-        one_sided=one_sided,
-        _steps=steps,
-        _rows=rows,
-        _changes=changes,
-        _explicit=explicit,
-    )
+    kept = quantities.values(at), history, one_sided
+    return Sensitivities(tuple(of), *kept, _steps=steps, _rows=rows, _changes=changes, _explicit=explicit)
 
 
 def read_parameters(raw: ArrayLike, subject: str) -> Floats:
@@ -285,24 +279,16 @@ def read_parameters(raw: ArrayLike, subject: str) -> Floats:
 
 
 def _refuse(posed: PosedScene) -> None:
-    norms, terms = posed.system.norms, posed.terms
+    terms, law = posed.terms, posed.terms.law_of(slice(None))
     drags = terms.dragged is not None and bool(terms.dragged[terms.acting :].any())
-    law = None if norms is None else norms.law
     reasons = {
         "nothing holds the body": bool(posed.pins),
         "its friction depends on slips, or its law has no slope": law is not None and (law.slips or law.slope is None),
         "its friction depends on pressure at nodes dragged by supports": law is not None and drags,
     }
-    for words in (words for words, found in reasons.items() if found):
+    if any(reasons.values()):
+        words = ", ".join(words for words, found in reasons.items() if found)
         raise SceneError(f"sensitivities: found a scene without derivatives: {words}.")
-
-
-def _unit_states(run: PreparedRun) -> Any:
-    """Return the matrix E (n, m)."""
-    condensation, n, m = run.condensation, run.system.n, len(run.condensation.retained)
-    if condensation.whole:
-        return sp.eye_array(n, format="csr")
-    return condensation.complete(np.zeros((n, m)), np.eye(m))
 
 
 def _differences(
@@ -316,22 +302,22 @@ def _differences(
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
     """Return central differences: the changes of all steps, and `Sensitivities._explicit`."""
-    columns, shapes = [], [M.shape for M in (own.system.K, own.system.B, own.system.D)]
+    columns, acting = [], own.terms.acting
+    shapes = [M.shape for M in (own.supports.P, own.terms.rows, own.obstacles.rows)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
         for way in (step, -step):
             with suppress_scene_warnings():
                 posed = pose(theta + way * np.eye(len(theta))[j])
-            if [M.shape for M in (posed.system.K, posed.system.B, posed.system.D)] != shapes:
+            if [M.shape for M in (posed.supports.P, posed.terms.rows, posed.obstacles.rows)] != shapes:
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
             at = Observed.evaluate(posed, history)
             if (at.lam.any(axis=2) & ~history.trajectory.multipliers.any(axis=2)).any():
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
-            off = np.hstack([at.slips[:, : shapes[1][0]], at.excess])
-            w, values = np.where(at.w < np.inf, at.w, 0.0), quantities.values(at)
-            pair.append((posed.supports.gather(at.forces.T).T, off, w, values))
-        balance, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
-        columns.append((-balance @ E, off, w, values - (inner * balance).sum(axis=2)))
+            off = np.hstack([at.slips[:, : acting * own.terms.block], at.excess])
+            pair.append((at.forces, off, np.where(at.w < np.inf, at.w, 0.0)[:, :acting], quantities.values(at)))
+        forces, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
+        columns.append((-(E.T @ forces).T, off, w, values - np.einsum("qti,it->qt", inner, forces)))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
     return list(zip(*data, strict=True)), explicit
 
@@ -358,10 +344,10 @@ def _field_changes(
 
 def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[int, LinearStep], Bools]:
     """Return step number -> linearised step, and the mask `Sensitivities.one_sided`."""
-    system, found = run.system, history.trajectory
+    system, found, m = run.system, history.trajectory, run.operators.count
     count, block, unknowns = system.B.shape[0], system.block, len(run.condensation.retained)
-    rates = np.zeros(0) if system.limits is None else system.limits.rates
-    recalls = np.append(np.ones(count), rates)[:, None]
+    norms, none = system.norms if system.follows_answer else None, sp.csr_matrix((unknowns, unknowns))
+    recalls = np.append(np.ones(count), np.zeros(0) if system.limits is None else system.limits.rates)[:, None]
 
     @cache
     def measure(frame: Frame) -> tuple[Delassus, Floats]:
@@ -375,15 +361,13 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
     errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
     for n in range(0 if history.begins == "settled" else 1, len(errors)):
         delassus, force = measure(run.frame(float(at.k[n])))
-        u, x = delassus.u, np.append(at.lam[n, : count // block], at.p[n]) / delassus.u
-        norms, units = system.norms if system.follows_answer else None, (u[:count:block], u[count:])
-        law = Weights(at.w[n], norms, float(found.times[n]), term_units=units[0], limit_units=units[1])
+        u, x = delassus.u, np.append(at.lam[n, :m], at.p[n]) / delassus.u
+        law = Weights(at.w[n, :m], norms, float(found.times[n]), term_units=u[:count:block], limit_units=u[count:])
         point = Point(x, u * np.append(at.slips[n, :count], at.excess[n]), np.zeros(0), np.zeros(0))
         sets, (lam, p) = ActiveSets.at(delassus, point, law), delassus.split(x)
         slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()
         H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))
-        damping = system.damping if n > 0 else None
-        memory = sp.csr_matrix((unknowns, unknowns) if damping is None else damping.C / at.k[n])
+        memory = system.damping.C / at.k[n] if system.damping is not None and n > 0 else none
         steps[n] = LinearStep(delassus, *build_columns(sets, p, law), H=H, memory=memory, recalls=recalls)
         margin = np.where(sets.w > 0, np.where(sets.stick, sets.w - lengths(lam), sets.along), np.inf).repeat(block)
         margin = np.append(margin, np.where(sets.act, p, -point.off[count:]))

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.base.arrays import SAME, Bools, Floats, as_real_array, as_shaped_array, brief, finite
+from vemcvx.base.arrays import SAME, Bools, Floats, as_real_array, as_shaped_array, brief
 from vemcvx.base.errors import SceneError
 from vemcvx.base.outline import Outline, Outlined
 from vemcvx.history import History
@@ -145,7 +145,7 @@ def fit(
     Raises
     ------
     SceneError, NotCertified
-        As for :func:`vemcvx.sensitivities`; or an argument has a wrong value or shape, or measurements are too few.
+        As for :func:`vemcvx.sensitivities`; an argument has a wrong value or shape, or nothing was measured.
 
     Examples
     --------
@@ -158,15 +158,19 @@ def fit(
     """
     from scipy.optimize import least_squares
 
-    start = read_parameters(theta_0, "fit: theta_0")
-    m, count, of = _read_measured(measured, check_times(times).shape), len(start), tuple(measured)
+    start, shape = read_parameters(theta_0, "fit: theta_0"), check_times(times).shape
+    if not isinstance(measured, Mapping) or not measured:
+        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
+    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
+    of, known, count = tuple(measured), ~np.isnan(m), len(start)
     names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
     if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
         raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
-    low, high = _read_bounds(bounds, start)
-    known, L = np.isfinite(m), _read_penalty(penalty, count)
-    if known.sum() + len(L) < count:
-        raise SceneError(f"fit: found {known.sum()} values for {count} parameters; give more, or a penalty.")
+    low, high = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, count))
+    L = np.zeros((0, count)) if penalty is None else as_real_array(penalty, "fit: penalty", "an array (k, P)")
+    L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // max(count, 1), count))
+    if not known.any():
+        raise SceneError("fit: found no measured value.")
     sigma = _read_noise(noise, of, m)
 
     @lru_cache(maxsize=1)
@@ -188,9 +192,13 @@ def fit(
         return np.vstack([(run(theta.tobytes()).jacobian / sigma[:, None, None])[known], L])
 
     scale = np.where(start != 0, np.abs(start), 1.0)
-    found = least_squares(
-        residuals, start, derivatives, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
-    )
+    try:
+        found = least_squares(
+            residuals, start, derivatives, (low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
+        )
+    except ValueError as error:
+        wanted = "lower bounds < upper bounds, theta_0 between the bounds, finite measurements (or NaN) and penalty"
+        raise SceneError(f"fit: {error} Wanted: {wanted}.") from error
     best, r, J, data = run(found.x.tobytes()), found.fun, np.asarray(found.jac), int(known.sum())
     inverse, free = _invert(J, scale)
     used = float(((J[:data] @ inverse) * J[:data]).sum())
@@ -210,31 +218,6 @@ def fit(
         runs=run.cache_info().misses,
         ending=found.message,
     )
-
-
-def _read_bounds(bounds: ArrayLike, start: Floats) -> Floats:
-    found = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, len(start)))
-    low, high = found
-    if not ((low <= start) & (start <= high) & (low < high)).all():
-        wanted = "wanted smallest below largest parameters, and theta_0 between them"
-        raise SceneError(f"fit: found theta_0 = {brief(start)} and bounds = {brief(bounds)}; {wanted}.")
-    return found
-
-
-def _read_penalty(penalty: ArrayLike | None, count: int) -> Floats:
-    if penalty is None:
-        return np.zeros((0, count))
-    L = finite(as_real_array(penalty, "fit: penalty", "an array (k, P)"), "fit: penalty")
-    return as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // count, count))
-
-
-def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:
-    if not isinstance(measured, Mapping) or not measured:
-        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
-    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
-    if np.isinf(m).any():
-        raise SceneError("fit: measured: found an infinite value; wanted numbers, or NaN where nothing was measured.")
-    return m
 
 
 def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m: Floats) -> Floats:

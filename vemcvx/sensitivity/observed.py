@@ -16,16 +16,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.base.arrays import SAME, Floats
+from vemcvx.base.arrays import SAME, Floats, directions, lengths
 from vemcvx.base.errors import SceneError
 from vemcvx.history import History
-from vemcvx.meshes.polygons import nearest
+from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.results.forces import support_shares
 from vemcvx.results.probe import places
-from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.rows import jump_rows
-from vemcvx.stepping.state import evaluate_dragged
 
 FORM = re.compile(r"(reaction of|displacement at|slip at) (.+) ([xyz])")
 FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x", "energy" and "dissipated"'
@@ -33,52 +30,49 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """The states of a run at T instants."""
+    """The states of a run at T instants, under the data of a posed scene."""
 
     k: Floats  # (T,) length of the step to each instant; zero at the first instant
-    u: Floats  # (T, n_u) displacements
-    elastic: Floats  # (T, n_u) A u
-    forces: Floats  # (T, n_u) forces R of supports
+    u: Floats  # (n_u, T) displacements
+    elastic: Floats  # (n_u, T) A u
+    forces: Floats  # (n_u, T) forces R of supports
     lam: Floats  # (T, terms, block) forces of friction; dragged nodes come last
     slips: Floats  # (T, terms * block) in the step to the instant
     p: Floats  # (T, r) forces of obstacles
     excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
     stored: Floats  # (T, r) spring displacements in soft contact
-    w: Floats  # (T, m) friction bounds
+    w: Floats  # (T, terms) friction bounds
 
     @classmethod
     def evaluate(cls, posed: PosedScene, history: History) -> Observed:
         """Evaluate a posed scene at the states of a run."""
-        run, terms, obstacles, norms = history.trajectory, posed.terms, posed.obstacles, posed.system.norms
+        run, terms, obstacles, supports = history.trajectory, posed.terms, posed.obstacles, posed.supports
         times, p, k = run.times.tolist(), run.pressures, np.diff(run.times, prepend=run.times[0])
-        u = np.array([displacement(posed, y, t) for y, t in zip(run.state, times, strict=True)])
-        du = np.diff(u, axis=0, prepend=u[:1])
+        loads, gap = np.array([posed.force(t) for t in times]).T, np.array([obstacles.gap(t) for t in times])
+        u = supports.P @ run.state.T
+        if not supports.still:
+            u += np.array([supports.motion(t) for t in times]).T
+        du = np.diff(u, axis=1, prepend=u[:, :1])
         if history.begins == "settled":
-            du[0] = posed.supports.P @ run.state[0]
-        under = list(zip([times[0], *times[:-1]], times, p, strict=True))
-        w = [np.zeros(0) if norms is None else norms.weights_under(t, force) for _, t, force in under]
-        dragged = [evaluate_dragged(posed.system, (s, t), force, np.zeros(0))[0] for s, t, force in under]
-        lam = np.concatenate([run.multipliers[:, : terms.acting], dragged], axis=1)
-        elastic, slips, gap = u @ posed.A, du @ terms.rows.T, np.array([obstacles.gap(t) for t in times])
-        loads = np.array([posed.force(t) for t in times])
-        forces = elastic + lam.reshape(slips.shape) @ terms.rows + p @ obstacles.rows - loads
-        if posed.viscosity is not None:
-            forces[1:] += (du @ posed.viscosity)[1:] / k[1:, None]
+            du[:, 0] = supports.P @ run.state[0]
+        elastic, slips = posed.A @ u, (terms.rows @ du).T
         if terms.ground is not None:
             slips -= np.diff([terms.ground(t) for t in times], axis=0, prepend=[terms.ground(times[0])])
+        law, none, under = terms.law_of(slice(None)), np.zeros(len(terms)), zip(times, p, strict=True)
+        w = np.array([terms.weights(t) if law is None else law.weights(t, force, none, none) for t, force in under])
+        # Supports drag the last nodes, or hold them up to rounding.
+        drawn = np.where(np.abs(slips) > DRAG_ROUNDING * np.abs(u).max(), slips, 0.0).reshape(-1, terms.block)
+        lam = w[:, :, None] * directions(drawn, lengths(drawn)).reshape(run.multipliers.shape)
+        lam[:, : terms.acting] = run.multipliers[:, : terms.acting]
+        forces = elastic - loads + terms.rows.T @ lam.reshape(slips.shape).T + obstacles.rows.T @ p.T
+        if posed.viscosity is not None:
+            forces[:, 1:] += (posed.viscosity @ du)[:, 1:] / k[1:]
         soft = p * obstacles.compliance
-        rates = du @ obstacles.rows.T - np.diff(gap, axis=0, prepend=gap[:1]) - k[:, None] * soft
+        rates = (obstacles.rows @ du).T - np.diff(gap, axis=0, prepend=gap[:1]) - k[:, None] * soft
+        excess = np.where(obstacles.rates, rates, (obstacles.rows @ u).T - gap - soft)
+        stored = soft * ~obstacles.rates
         return cls(
-            k=k,
-            u=u,
-            elastic=elastic,
-            forces=forces,
-            lam=lam,
-            slips=slips,
-            p=p,
-            excess=np.where(obstacles.rates, rates, u @ obstacles.rows.T - gap - soft),
-            stored=soft * ~obstacles.rates,
-            w=np.array(w),
+            k=k, u=u, elastic=elastic, forces=forces, lam=lam, slips=slips, p=p, excess=excess, stored=stored, w=w
         )
 
     @property
@@ -94,7 +88,7 @@ class Gradients:
     y: Floats  # (Q, T, m) by the contact unknowns
     before: Floats  # (Q, T, m) by the contact unknowns one instant before
     x: Floats  # (Q, T, rows) by lam and p
-    inner: Floats  # (Q, T or 1, n) by forces on the interior, while the contact unknowns are fixed
+    inner: Floats  # (Q, T or 1, n_u) by nodal forces, while the contact unknowns are fixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,30 +102,24 @@ class Quantities:
 
     def values(self, at: Observed) -> Floats:
         """Return the values (Q, T)."""
-        energy = 0.5 * (np.einsum("ti,ti->t", at.u, at.elastic) + np.einsum("tr,tr->t", at.p, at.stored))
-        found: Floats = self.a @ at.u.T + self.h @ at.forces.T + np.outer(self.energy, energy)
+        energy = 0.5 * (np.einsum("it,it->t", at.u, at.elastic) + np.einsum("tr,tr->t", at.p, at.stored))
+        found: Floats = self.a @ at.u + self.h @ at.forces + np.outer(self.energy, energy)
         return found + np.outer(self.losses, np.cumsum(at.losses))
 
-    def differentiate(
-        self, posed: PosedScene, at: Observed, E: Any, solve_interior: Callable[[Floats], Floats]
-    ) -> Gradients:
-        """Return the derivatives; E (n, m) maps contact unknowns to free unknowns y."""
-        gather, terms, acting = posed.supports.gather, posed.terms, posed.system.B.shape[0]
+    def differentiate(self, posed: PosedScene, at: Observed, E: Any, respond: Callable[[Floats], Floats]) -> Gradients:
+        """Return the derivatives; E (n_u, m) maps contact unknowns to nodal displacements."""
+        terms, acting, outer = posed.terms, posed.terms.acting_rows.shape[0], np.multiply.outer
         after = at.k[:, None] > 0  # Losses begin with the first step.
-        fixed, outer = gather((self.a + self.h @ posed.A).T), np.multiply.outer
-        before = -outer(self.losses, gather((after * at.lam.reshape(at.slips.shape) @ terms.rows).T).T @ E)
+        fixed, stored = (self.a + self.h @ posed.A).T, at.elastic if self.energy.any() else np.zeros((len(at.u), 1))
+        before = -outer(self.losses, (after * at.lam.reshape(at.slips.shape) @ terms.rows) @ E)
         if posed.viscosity is not None:
-            before[:, 1:] -= (gather((self.h @ posed.viscosity).T).T @ E)[:, None] / at.k[1:, None]
-        stored = gather(at.elastic.T) if self.energy.any() else np.zeros((len(fixed), 1))
-        x = self.h @ sp.vstack([terms.rows[:acting], posed.obstacles.rows]).T
-        by_losses, by_energy = np.zeros((2, len(at.u), x.shape[1]))
+            before[:, 1:] -= (self.h @ posed.viscosity @ E)[:, None] / at.k[1:, None]
+        y = (fixed.T @ E)[:, None] + outer(self.energy, stored.T @ E) - before
+        x = self.h @ sp.vstack([terms.acting_rows, posed.obstacles.rows]).T
+        by_losses, by_energy = np.zeros((2, len(at.k), x.shape[1]))
         by_losses[:, :acting], by_energy[:, acting:] = after * at.slips[:, :acting], at.stored
-        return Gradients(
-            y=(fixed.T @ E)[:, None] + outer(self.energy, stored.T @ E) - before,
-            before=before,
-            x=x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy),
-            inner=solve_interior(fixed).T[:, None] + outer(self.energy, solve_interior(stored).T),
-        )
+        x = x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy)
+        return Gradients(y, before, x, respond(fixed).T[:, None] + outer(self.energy, respond(stored).T))
 
 
 def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
@@ -149,7 +137,7 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
             of_forces[:] = posed.supports.H @ support_shares(posed, match[2], axis)
             continue
         try:
-            point = np.array([[float(word) for word in match[2].strip("()").split(",")]])
+            point = np.array([match[2].strip("()").split(",")], dtype=float)
         except ValueError:
             raise SceneError(f"of: found the point {match[2]!r} in {name!r}; wanted coordinates: (1, 0.5).") from None
         if match[1] == "slip at":
@@ -161,11 +149,10 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
 
 
 def _slip_row(posed: PosedScene, point: Floats, axis: Floats, name: str) -> Floats:
-    surface, mesh = posed.surface, posed.space.mesh
-    if not len(surface) or point.shape[1] != posed.space.dim or posed.terms.ground is not None:
+    surface, mesh, still = posed.surface, posed.space.mesh, posed.terms.ground is None
+    apart = mesh.points[surface.nodes] - (point if point.shape[1] == posed.space.dim else np.inf)
+    near = surface[np.flatnonzero(still & (lengths(apart) <= SAME * mesh.h))[:1]]
+    if len(near) == 0:
         raise SceneError(f"of: found {name!r}; slips are those of contact nodes, on ground that does not move.")
-    away, (row,) = nearest(mesh.points[surface.nodes], point)
-    if away[0] > SAME * mesh.h:
-        raise SceneError(f"of: found {name!r}; the nearest contact node is at {mesh.points[surface.nodes[row]]}.")
-    along = axis - (axis @ surface.normals[row]) * surface.normals[row]
-    return jump_rows(surface.nodes[[row]], surface.partners[[row]], along[None, None], mesh.points).toarray()[0]
+    along = axis - (axis @ near.normals[0]) * near.normals[0]
+    return near.matrix(along[None, None], mesh.points).toarray()[0]

@@ -31,6 +31,7 @@ from vemcvx.base.arrays import (
     ROUNDING,
     Bools,
     Floats,
+    Ints,
     as_real_array,
     as_shaped_array,
     brief,
@@ -324,9 +325,25 @@ def march(
     kept = choose_stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
     run = prepare(system, solver, check, condense, linear=linear, shortest=float(np.diff(instants).min(initial=np.inf)))
-    prepared = time.perf_counter()
-    with threads_of_steps(system, run.condense, run.condensation.linear):
-        recorder = Recorder(run, instants, kept, storage or Memory())
+    prepared = time.perf_counter() - start
+    storage = storage or Memory()
+    return march_prepared(run, instants, initial, kept, storage=storage, progress=progress, prepared=prepared)
+
+
+def march_prepared(
+    run: PreparedRun,
+    instants: Floats,
+    initial: Beginning,
+    kept: Ints,
+    *,
+    storage: Storage,
+    progress: Callable[[int, int], None] | None = None,
+    prepared: float = 0.0,
+) -> Trajectory:
+    """March a run, which was prepared in `prepared` seconds, through time; store the steps `kept`."""
+    start = time.perf_counter()
+    with threads_of_steps(run.system, run.condense, run.condensation.linear):
+        recorder = Recorder(run, instants, kept, storage)
         begun = recorder.begin()
         if begun is None:
             begun = 0, initial_state(run, instants, initial)
@@ -340,7 +357,7 @@ def march(
                     progress(n, len(instants) - 1)
         finally:
             recorder.enter_waiting()
-        seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
+        seconds = {"prepare": prepared, "solve": time.perf_counter() - start}
         return recorder.finish(seconds, initial.work_second_order if isinstance(initial, Continued) else 0.0)
 
 

@@ -80,7 +80,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the pressure under the column on several layers, and the pressure on a cylinder with several layers."""
+    """Draw the pressure under the column, and on a cylinder, for layers of different stiffness."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

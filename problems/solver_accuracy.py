@@ -17,9 +17,9 @@ $$
 
 All errors are relative to the largest |u*|_K up to the step. A row that violates this bound is printed as WRONG, and
 the exit code of the command is 1. Seconds are the median processor time of the step over the repetitions, in one
-thread. In each repetition the solver first solves the step before. The time of set-up is the time of factorisation and
-condensation, plus the additional time of the first step. The requested accuracies get stricter until a solver misses an
-accuracy. The seconds of a miss include a second attempt.
+thread. In each repetition the solver first solves the step before. The time of set-up includes factorisation and
+condensation. The requested accuracies get stricter until a solver misses an accuracy. The seconds of a miss include a
+second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 

@@ -51,8 +51,8 @@ class History(Results, Outlined):
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", "total" (the sum), "target" (requested).
     bound : dict or None
-        With ``simulate(..., bound=True)``: bounds "lower" and "upper" on the mesh error of one step in the energy norm,
-        from the state before (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
+        With ``simulate(..., bound=True)``: "lower" and "upper" bound the mesh error that one step adds, in the energy
+        norm (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
         "upper" / (largest energy norm). "reading": the estimated part of "upper". "kind": as in `ErrorBound`.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.

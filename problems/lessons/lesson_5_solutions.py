@@ -29,11 +29,10 @@ def active_sets(program, gamma, rounds=40, start=None):
     return u, lam, np.array(sides)
 
 
-# %% [markdown]
-# **1.** After (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$. The guess "sticks" needs
-# $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the flexibility
-# $(K^{-1})_{22}$, which is 1 here, so the cycle of the lesson begins at the `size` 2. (After (back, back)
-# $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
+# %% [markdown] **1.** After the guess (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$.
+# The guess "sticks" needs $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the
+# flexibility $(K^{-1})_{22}$, which is 1 here, so the cycle of the lesson begins at the `size` 2. (After the guess
+# (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))

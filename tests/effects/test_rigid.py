@@ -10,7 +10,6 @@ BLOCK = vx.meshes.squares((8, 4), box=((0, 2), (0, 1)))
 
 
 def pressed(n):
-    """Return a mesh of a block under a tool of n x n cells, a clamp and a contact."""
     box = (0.25, 0.75), (1, 1.5)
     parts = {"low": vx.meshes.squares(8, box=((0, 1), (0, 1))), "tool": vx.meshes.squares(n, box=box)}
     return vx.meshes.bodies(parts), vx.Clamp(on="low.bottom"), vx.UnilateralContact(on="low|tool")

@@ -96,7 +96,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
 
 
 def test_a_crack_opens_where_the_fluid_bears_more_than_the_rock():
-    """Closed contact bears the rock's stress minus the fluid pressure. Middle openings have errors below 3 %."""
+    """Closed contact bears the rock's stress minus the fluid pressure."""
     history = run_small(crack)
     p, x = crack.fluid(history.times), crack.measure_opening(history)[0]
     bears = np.broadcast_to(np.maximum(crack.ACROSS - p, 0.0)[:, None], history.contact.pressure.shape)

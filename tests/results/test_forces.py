@@ -37,7 +37,7 @@ def assert_balanced(history, scene=None):
         for load in between:  # `history.forces` excludes loads between two ends.
             nodal[row] -= load.vector(history.times[row]).reshape(nodal[row].shape)
     off = np.abs(nodal - history.forces)
-    if history.is_axisymmetric:  # The axis holds nodes radially without an effect.
+    if history.is_axisymmetric:  # No effect exerts the radial forces on the axis.
         off[:, history.mesh.points[:, 0] == 0.0, 0] = 0.0
     assert (off.max(axis=(1, 2)) <= 1e-10 * largest + rounding)[begin:].all()
     assert (acting.ends[acting.held, 1] >= -2).all()
@@ -48,7 +48,6 @@ def test_every_problem_is_in_balance(name):
     problem = __import__(name)
     history = gallery.small_run(problem)
     assert_balanced(history, problem.stages()[-1][0] if hasattr(problem, "stages") else None)
-    # Only forces across interfaces have no side.
     acting = history.acting
     sides = history._space.part("boundary", "test", contact=True).names
     there = acting.through(sides)

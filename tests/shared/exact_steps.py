@@ -10,8 +10,7 @@ with weights w and compliances c. Iterative refinement reduces the residual belo
 corrects the sets until every inequality holds to 1e-48. If sets repeat, single pivots replace this method (Murty 1974).
 With weights that do not depend on p, the solution is unique in the seminorm of K.
 
-All scale factors are powers of two. The increment d_i is 2^(a - e_i) times the scaled increment, and K_ii 2^(-2 e_i) is
-of size one.
+All equations are scaled by powers of two.
 """
 
 from __future__ import annotations

@@ -77,8 +77,8 @@ class Skeleton:
     outer: Ints  # (b,) cells of boundary edges
     outer_corners: Ints  # (b,) cell corners at which boundary edges begin
     outer_edges: Ints  # (b, 2) end nodes of boundary edges, counter-clockwise
-    outer_normals: Floats  # (b, 2) outward normals of boundary edges, as long as the edges
-    free: Floats  # (b, 2, 2) projectors onto directions that supports leave free
+    outer_normals: Floats  # (b, 2) outward normals of boundary edges, with the lengths of the edges
+    free: Floats  # (b, 2, 2) projectors onto directions that the supports leave free
     joints: Joints
 
     @cached_property
@@ -178,7 +178,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values of contact rows at ends of boundary edges, zero without rows."""
-    # At interfaces, an end that supports hold has no row, and gets the value at the other end.
+    # Held ends at interfaces have no row. They get the value at the other end.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -123,7 +123,7 @@ class Boundary:
 
     @cached_property
     def free(self) -> Floats:
-        """The projectors (b, 2, 2) on the directions that supports leave free."""
+        """The projectors (b, 2, 2) on the directions that the supports leave free."""
         free, joints = np.eye(2) - self._project_prescribed(False), self.edges.joints
         held = (free[[joints.first, joints.second]] != np.eye(2)).any(axis=(0, 2, 3))
         if (held & self.bonds.any(axis=(1, 2))).any():
@@ -270,7 +270,7 @@ class Boundary:
         z = np.where(acts, z, 0.0)
         if not compliant and z.max(initial=0.0) > SINGLE_EPS * np.abs(now.u).max(initial=0.0):
             raise SceneError(
-                "error_bound: a node that supports hold is inside a rigid obstacle, so the displacement is not "
+                "error_bound: a node that the supports hold is inside a rigid obstacle, so the displacement is not "
                 "admissible, and there is no bound. Give the obstacle a gap of zero or more there."
             )
         pressure = np.where(acts, np.maximum(ends, 0.0), 0.0)

@@ -15,7 +15,7 @@
   modulus, E Young's modulus along an edge, and eps_ss the strain along an edge.
 - f is the body force, and t the traction of loads, contact and springs.
 - A side e is an edge or, in space, a face. [.] is the jump across a side with the normal n, and |.|_e an L2
-  norm. Residuals on boundary sides have only the components that supports leave free.
+  norm. Residuals on boundary sides have only the components that the supports leave free.
 - c is CONSTANT or, in space, IN_SPACE (docs/theory/error_estimates.md).
 - h_K is the longest side of a box with the second moments of K. l_e is the width of K along an edge.
 - In the plane, s = 1 and q = 0. In space, s = 7 |K|^{1/3} / (D_K N_K) with the diameter D_K and the number N_K of

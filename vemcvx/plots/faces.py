@@ -60,7 +60,7 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     if on is not None and on not in known:
         raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
     known = known if on is None else [on]
-    # A short mean belongs to a face that no view shows completely.
+    # If the mean normal is short, no view shows the whole face.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
 

@@ -310,7 +310,7 @@ class System(ArrayRecord):
     damping : Damping, optional
         A force C y' that depends on the rate.
     dragged : DraggedTerms, optional
-        Norm terms with slips that supports prescribe.
+        Norm terms with slips that the supports prescribe.
 
     Examples
     --------

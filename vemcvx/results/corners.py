@@ -35,7 +35,7 @@ LEAST = np.pi / 4
 """The least angle between a held side and a free side at which stress may be singular."""
 WITHOUT_LIMIT = "without limit as the mesh is refined"
 SUPPORTED = "free side", "roller", "clamp"
-"""The names of sides that supports hold in 0, 1 and 2 directions."""
+"""The names of sides that the supports hold in 0, 1 and 2 directions."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -74,7 +74,7 @@ class PosedScene:
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
-    surface: Surface  # contact nodes that supports do not hold
+    surface: Surface  # contact nodes that the supports do not hold
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A

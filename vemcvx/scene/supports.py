@@ -1,4 +1,4 @@
-"""Supports: the free unknowns, and the displacement that supports prescribe.
+"""Supports: the free unknowns, and the displacement that the supports prescribe.
 
 Supports prescribe A u = g(t), with one row per direction at a node or a pair of nodes. Elimination gives
 
@@ -41,7 +41,7 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
 @dataclass(frozen=True, kw_only=True)
 class Supports:
-    """The free unknowns of a body, and the displacement that supports prescribe."""
+    """The free unknowns of a body, and the displacement that the supports prescribe."""
 
     P: sp.csr_matrix  # (n_u, n) orthonormal columns, ordered by site
     owner: Ints  # (n,) site of each free unknown
@@ -61,7 +61,7 @@ class Supports:
 
     @cached_property
     def moved(self) -> Ints:
-        """The ascending numbers of nodal values at nodes that supports move."""
+        """The ascending numbers of nodal values at nodes that the supports move."""
         dim, moving = self.points.shape[1], repeat_by_row(self.given, [s.value is not None for s in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()

@@ -54,8 +54,8 @@ class EffectSample:
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
-        For every field, another value that changes the answer, or a Scene of effects that replace the effect. None if
-        the field states a property of another field.
+        For every field, another value that changes the answer, or a Scene of effects that replace the effect. With
+        None, the field is not tested.
     in_space : bool
         True for the unit cube.
 

@@ -227,7 +227,6 @@ def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) 
     pairs = one != other if body is None else body[one] != body[other]
     one, other = one[pairs], other[pairs]
     overlap = shapely.area(shapely.intersection(polygons[one], polygons[other]))
-    # Among cells without overlap, the longest common segment is worst.
     along = shapely.length(shapely.intersection(edges[one], edges[other]))
     near = np.flatnonzero((overlap > 0.0) | (shapely.distance(edges[one], edges[other]) <= width))
     if not len(near):

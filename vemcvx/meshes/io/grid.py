@@ -107,7 +107,7 @@ def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessel
 
 
 def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = True, data: bool = True) -> Grid:
-    """Return the grid of a mesh, with `polyhedra` for solids of any shape."""
+    """Return the grid of a mesh. If `polyhedra` is true, all solids become polyhedra."""
     faces = None
     if isinstance(mesh, PolygonMesh):
         kinds, offsets, vertices = polygon_kinds(mesh.offsets), mesh.offsets, mesh.vertices
@@ -148,7 +148,7 @@ def list_named_parts(mesh: AnyTessellation) -> dict[str, Rows]:
 
 
 def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Ints]:
-    """Return kinds, offsets and vertices of cells, from bottom to top."""
+    """Return the kind, the offsets and the vertices of each cell."""
     kinds, rows = list[str](), list[list[int]]()
     for number, cell in enumerate(mesh.cells):
         faces = [face.tolist() for face in cell]

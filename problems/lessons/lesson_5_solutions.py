@@ -29,7 +29,8 @@ def active_sets(program, gamma, rounds=40, start=None):
     return u, lam, np.array(sides)
 
 
-# %% [markdown] **1.** After the guess (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$.
+# %% [markdown]
+# **1.** After the guess (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$.
 # The guess "sticks" needs $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the
 # flexibility $(K^{-1})_{22}$, which is 1 here, so the cycle of the lesson begins at the `size` 2. (After the guess
 # (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)

@@ -136,11 +136,11 @@ class Sensitivities:
     @cached_property
     def jacobian(self) -> Floats:
         """The derivatives (Q, N + 1, P), by one forward sweep for each parameter."""
-        rows, found = self._rows, np.zeros_like(self._explicit)
-        dy = np.zeros((rows.y.shape[2], found.shape[2]))
+        (y, earlier, x), found = self._rows, np.zeros_like(self._explicit)
+        dy = np.zeros((y.shape[2], found.shape[2]))
         for n, step in self._steps.items():
             before, (dy, dx) = dy, step.forward(self._changes[n], dy)
-            found[:, n] = rows.y[:, n] @ dy + rows.before[:, n] @ before + rows.x[:, n] @ dx
+            found[:, n] = y[:, n] @ dy + earlier[:, n] @ before + x[:, n] @ dx
         found[self._lost] = np.cumsum(found[self._lost], axis=1)
         return found + self._explicit
 
@@ -161,12 +161,12 @@ class Sensitivities:
         SceneError
             `weights` has another shape.
         """
-        shape, rows = self.values.shape, self._rows
+        shape = self.values.shape
         given = as_shaped_array(weights, "gradient: weights", f"an array {shape}", shape)
-        found, by_y = np.einsum("qt,qtp->p", given, self._explicit), np.zeros((rows.y.shape[2], 1))
+        found, by_y = np.einsum("qt,qtp->p", given, self._explicit), np.zeros((self._rows[0].shape[2], 1))
         each = np.where(self._lost[:, None], np.cumsum(given[:, ::-1], axis=1)[:, ::-1], given)
         for n, step in reversed(self._steps.items()):
-            y, before, x = ((each[:, n] @ of[:, n])[:, None] for of in (rows.y, rows.before, rows.x))
+            y, before, x = ((each[:, n] @ of[:, n])[:, None] for of in self._rows)
             *by_data, by_y = step.backward(by_y + y, x)
             by_y = by_y + before
             found = found + sum((d.T @ by)[:, 0] for d, by in zip(self._changes[n], by_data, strict=True))
@@ -258,13 +258,13 @@ def sensitivities(
     at = Observed.evaluate(posed, history)
     P, condensation, m = posed.supports.P, run.condensation, len(run.condensation.retained)
     E = P if condensation.whole else P @ condensation.complete(np.zeros((P.shape[1], m)), np.eye(m))
-    rows = quantities.differentiate(posed, at, E, lambda f: P @ condensation.solve_interior(P.T @ f))
+    rows, inner = quantities.differentiate(posed, at, E, lambda f: P @ condensation.solve_interior(P.T @ f))
     steps, one_sided = _linearise(run, history, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
         log.warning("sensitivities: contact or friction is about to change at t = %s: derivatives are one-sided.", when)
     if shapes is None:
-        changes, explicit = _differences(pose, parameters, history, posed, quantities, E=E, inner=rows.inner)
+        changes, explicit = _differences(pose, parameters, history, posed, quantities, E=E, inner=inner)
     else:
         changes = _field_changes(posed, at.p, shapes, len(parameters), E.shape[1])
         explicit = np.zeros((len(of), len(times), len(parameters)))
@@ -317,7 +317,7 @@ def _differences(
             off = np.hstack([at.slips[:, : acting * own.terms.block], at.excess])
             pair.append((at.forces, off, np.where(at.w < np.inf, at.w, 0.0)[:, :acting], quantities.values(at)))
         forces, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
-        columns.append((-(E.T @ forces).T, off, w, values - np.einsum("qti,it->qt", inner, forces)))
+        columns.append((-(E.T @ forces).T, off, w, values - np.einsum("qit,it->qt", inner, forces)))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
     return list(zip(*data, strict=True)), explicit
 

@@ -61,9 +61,10 @@ class Observed:
         law, none, under = terms.law_of(slice(None)), np.zeros(len(terms)), zip(times, p, strict=True)
         w = np.array([terms.weights(t) if law is None else law.weights(t, force, none, none) for t, force in under])
         # Supports drag the last nodes, or hold them up to rounding.
-        drawn = np.where(np.abs(slips) > DRAG_ROUNDING * np.abs(u).max(), slips, 0.0).reshape(-1, terms.block)
-        lam = w[:, :, None] * directions(drawn, lengths(drawn)).reshape(run.multipliers.shape)
-        lam[:, : terms.acting] = run.multipliers[:, : terms.acting]
+        lam, acting, size = run.multipliers.copy(), terms.acting, np.abs(u).max()
+        drawn = slips.reshape(lam.shape)[:, acting:].reshape(-1, terms.block)
+        drawn = np.where(np.abs(drawn) > DRAG_ROUNDING * size, drawn, 0.0)
+        lam[:, acting:] = w[:, acting:, None] * directions(drawn, lengths(drawn)).reshape(len(k), -1, terms.block)
         forces = elastic - loads + terms.rows.T @ lam.reshape(slips.shape).T + obstacles.rows.T @ p.T
         if posed.viscosity is not None:
             forces[:, 1:] += (posed.viscosity @ du)[:, 1:] / k[1:]
@@ -75,20 +76,9 @@ class Observed:
             k=k, u=u, elastic=elastic, forces=forces, lam=lam, slips=slips, p=p, excess=excess, stored=stored, w=w
         )
 
-    @property
-    def losses(self) -> Floats:
-        """The losses (T,) by friction in the step to each instant; zero at the first instant."""
-        return np.append(0.0, np.einsum("tmb,tmb->t", self.lam, self.slips.reshape(self.lam.shape))[1:])
 
-
-@dataclass(frozen=True, eq=False)
-class Gradients:
-    """The derivatives of Q quantities; "dissipated" is here the loss in the step to each instant."""
-
-    y: Floats  # (Q, T, m) by the contact unknowns
-    before: Floats  # (Q, T, m) by the contact unknowns one instant before
-    x: Floats  # (Q, T, rows) by lam and p
-    inner: Floats  # (Q, T or 1, n_u) by nodal forces, while the contact unknowns are fixed
+Gradients = tuple[Floats, Floats, Floats]
+"""The derivatives (Q, T, ...) of quantities by contact unknowns, by these one instant before, and by (lam, p)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,23 +93,29 @@ class Quantities:
     def values(self, at: Observed) -> Floats:
         """Return the values (Q, T)."""
         energy = 0.5 * (np.einsum("it,it->t", at.u, at.elastic) + np.einsum("tr,tr->t", at.p, at.stored))
+        losses = np.where(at.k > 0, np.einsum("tj,tj->t", at.lam.reshape(at.slips.shape), at.slips), 0.0)
         found: Floats = self.a @ at.u + self.h @ at.forces + np.outer(self.energy, energy)
-        return found + np.outer(self.losses, np.cumsum(at.losses))
+        return found + np.outer(self.losses, np.cumsum(losses))
 
-    def differentiate(self, posed: PosedScene, at: Observed, E: Any, respond: Callable[[Floats], Floats]) -> Gradients:
-        """Return the derivatives; E (n_u, m) maps contact unknowns to nodal displacements."""
+    def differentiate(
+        self, posed: PosedScene, at: Observed, E: Any, respond: Callable[[Floats], Floats]
+    ) -> tuple[Gradients, Floats]:
+        """Return the derivatives, of losses in single steps; E (n_u, m) maps contact unknowns to displacements.
+
+        The second array (Q, n_u, T or 1) has the derivatives by nodal forces while the contact unknowns are fixed.
+        """
         terms, acting, outer = posed.terms, posed.terms.acting_rows.shape[0], np.multiply.outer
-        after = at.k[:, None] > 0  # Losses begin with the first step.
-        fixed, stored = (self.a + self.h @ posed.A).T, at.elastic if self.energy.any() else np.zeros((len(at.u), 1))
+        after, by_u = at.k[:, None] > 0, self.a + self.h @ posed.A  # Losses begin with the first step.
         before = -outer(self.losses, (after * at.lam.reshape(at.slips.shape) @ terms.rows) @ E)
         if posed.viscosity is not None:
             before[:, 1:] -= (self.h @ posed.viscosity @ E)[:, None] / at.k[1:, None]
-        y = (fixed.T @ E)[:, None] + outer(self.energy, stored.T @ E) - before
+        y = (by_u @ E)[:, None] + outer(self.energy, at.elastic.T @ E) - before
         x = self.h @ sp.vstack([terms.acting_rows, posed.obstacles.rows]).T
         by_losses, by_energy = np.zeros((2, len(at.k), x.shape[1]))
         by_losses[:, :acting], by_energy[:, acting:] = after * at.slips[:, :acting], at.stored
         x = x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy)
-        return Gradients(y, before, x, respond(fixed).T[:, None] + outer(self.energy, respond(stored).T))
+        inner = outer(self.energy, respond(at.elastic)) if self.energy.any() else 0.0
+        return (y, before, x), respond(by_u.T).T[:, :, None] + inner
 
 
 def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:

@@ -1,4 +1,4 @@
-"""Bounds compared with solutions of scikit-fem, cvxpy and Clarabel.
+"""Bounds compared with solutions by scikit-fem and cvxpy.
 
 Let u be the exact solution, v the displacement whose error is bounded, w the solution of scikit-fem on quadratic
 elements, and J the functional that u minimises. Both v and w are quadratic on the triangles of the mesh of w, so that
@@ -76,7 +76,7 @@ BRACKET = Case(
 
 
 def fan_triangles(circle):
-    """Return the parts of all fan triangles as a mesh of scikit-fem."""
+    """Return a mesh of the triangles on which v is quadratic."""
     corners = []
     for fans in (one.fans for one in circle.forms):
         here = fans.corners + fans.centres[:, None]
@@ -136,7 +136,7 @@ def solve_with_cvxpy(case, mesh):
     along = mesh.p[0, ends].T
     lengths = np.abs(along[:, 1] - along[:, 0])
     held = basis.get_dofs(on(*case.clamped)).all()
-    if not case.can_lift:  # vertical displacements of the floor are zero
+    if not case.can_lift:  # vertical displacements on the floor are zero
         held = np.union1d(held, dofs[:, 1])
     contact = np.setdiff1d(dofs, held)
     rest = np.setdiff1d(np.arange(len(f)), np.union1d(held, contact))

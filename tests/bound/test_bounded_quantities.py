@@ -169,7 +169,7 @@ def test_intervals_of_the_problem_file_enclose_the_closed_form_and_shrink():
     assert np.ptp(means[1]) < 0.7 * np.ptp(means[0])
     bounds = guaranteed_bounds.bounds_over_steps(4, (5, 17))
     assert bounds[1] < 0.8 * bounds[0]
-    # Loads are proportional to time, so that the bound hardly depends on the number of steps.
+    # The load is proportional to time, so that the bound hardly depends on the number of steps.
     once = vx.simulate(guaranteed_bounds.scene(), guaranteed_bounds.mesh(4), guaranteed_bounds.times(1))
     assert vx.error_bound(once).upper[-1] == pytest.approx(vx.error_bound(history).upper[-1], rel=1e-3)
 

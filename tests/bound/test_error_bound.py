@@ -28,7 +28,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def slipping(poisson):
-    """Return the scene of manufactured full slip, held on the left side only."""
+    """Return the scene of manufactured full slip. The body is held on the left side only."""
     lam = full_slip.lame(poisson)
 
     def moved(x, t):
@@ -78,7 +78,7 @@ def test_bounds_enclose_the_error_of_full_slip(family, poisson, n):
     locks = family == "triangles" and poisson > 0.4
     assert (0.88 if n == 6 else 0.9 if locks else 0.95) * error <= bound.lower <= error * (1.0 + rounding)
     assert np.isclose(bound.cells.sum(), bound.upper**2)
-    # Loads are exponentials, so the bound contains an estimate.
+    # The loads are exponential functions, so the bound contains an estimate.
     assert bound.kind == "bound for data as read at points"
     if n == 6:
         assert bound.energy[0] <= integrate_energy(poisson) <= bound.energy[1]
@@ -176,7 +176,7 @@ def check_beside_refined(coarse):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(200))
 def test_bounds_hold_in_random_scenes(seed):
-    """Scenes have stiffnesses over six decades and all families of meshes."""
+    """The stiffnesses span six decades. The meshes belong to all families."""
     scene, turn = one_step(seed)
     bound, apart, own, ahead = check_beside_refined(vx.simulate(scene, coarse_mesh(seed), [0.0, turn]))
     # The potential J of the computed v and the exact u satisfies J(v) - J(u) >= |u - v|^2 / 2.
@@ -306,7 +306,7 @@ def case(scene, steps, most):
     ],
 )
 def test_bounds_of_histories_contain_the_errors_of_mesh_and_steps(scene, steps, n, finer, parts, most):
-    """If loads reverse inside a step, bounds contain an estimate."""
+    """If the load reverses inside a step, the bound contains an estimate."""
     found = measure_effectivities(scene, np.linspace(0.0, 1.0, steps + 1), n, finer, parts)
     assert found.min() >= 1.0
     assert found.max() <= most

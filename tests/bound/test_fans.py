@@ -90,7 +90,6 @@ def test_linear_displacements_have_constant_strains_inside_cells(family, lam):
 @mostly_slow("lam", [1.5, 100.0])
 @pytest.mark.long
 def test_forms_enclose_the_least_energy_of_a_cell(lam):
-    """Half the form of stresses <= least energy <= half the form of displacements."""
     rng = np.random.default_rng(1)
     for one in fans(lam=lam, n=3):
         u, force = rng.normal(size=(one.n, 2)), 5.0 * rng.normal(size=(3, 2))

@@ -133,7 +133,7 @@ def list_children(pid):
 
 
 def wait_for(condition):
-    """Wait up to a minute until a condition holds, and return the value."""
+    """Call `condition` for up to a minute, and return the first true result."""
     for _ in range(6000):
         if found := condition():
             return found

@@ -17,7 +17,7 @@ TARGET = 0.05
 
 
 def measure_error(found, scene):
-    """Return the larger relative error at t = 0.5 and 1, against a mesh that is refined twice."""
+    """Return the larger of the relative errors at t = 0.5 and t = 1. The reference mesh is refined twice."""
     times = found.history.trajectory.times
     fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
     truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))

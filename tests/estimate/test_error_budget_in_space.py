@@ -104,7 +104,7 @@ def two_blocks(n, family="cubes"):
 @pytest.mark.long
 @pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
 def test_constant_stress_leaves_no_residual_at_an_interface(contact):
-    """The faces of the bodies differ, and supports hold the rim of the interface."""
+    """The faces of the bodies differ, and the supports hold the rim of the interface."""
     outside = [f"lower.{side}" for side in ("bottom", *SIDES)] + [f"upper.{side}" for side in ("top", *SIDES)]
     scene = vx.Scene(
         STEEL,

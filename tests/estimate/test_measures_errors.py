@@ -18,7 +18,7 @@ def field(mesh, values):
 
 
 def along(values):
-    """Return a function from widths n to arrays (m, n) with `values` in the first column."""
+    """Return a function from n to an array (m, n) with `values` in the first column."""
     return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
 
 

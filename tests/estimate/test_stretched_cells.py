@@ -14,7 +14,7 @@ from vemcvx.estimate.budget import error_budget
 
 TYPICAL, MOST = 1.6, 4.0
 QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "block voronoi 16h", "heavy hanging 16v")
-"""With sqrt(area) as the width of a cell, estimates would be .49, .49, .94, .75, 1.26 and .91 times the error."""
+"""With sqrt(area) as the width of a cell, the estimates would be .49, .49, .94, .75, 1.26 and .91 times the errors."""
 
 
 def measure_effectivity(case):

@@ -32,7 +32,7 @@ def test_the_mechanism_of_a_plate_is_a_turn_and_steps_find_equilibrium_only_belo
     mesh, times = limit_load.mesh(n), [0.0, 0.5, 1.0]
     found = limit_load.find_plate_limit(mesh)
     with gallery.quiet():
-        # Close to the limit almost all nodes slip. On some processors the rounding floor then exceeds 1e-8.
+        # Close to the limit almost all nodes slip. On some processors rounding errors then exceed 1e-8.
         below = vx.simulate(limit_load.scene(0.999 * found.factor), mesh, times, solver=vx.Newton(accuracy=1e-6))
         with pytest.raises(vx.SceneError, match="friction resists with at most .* there is no equilibrium"):
             vx.simulate(limit_load.scene(1.001 * found.factor), mesh, times)

@@ -202,7 +202,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """For shear modulus mu, squeeze d, thickness h, pressures exceed thin-layer theory by less than 4.5 mu d / h."""
+    """Pressures exceed thin-layer theory by less than 4.5 mu d / h, with the compression d and the thickness h."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)

@@ -183,7 +183,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
     slides = np.flatnonzero(full & ~bears & (t > 1.0))
     assert np.abs(-lap[slides[-1], 0] / bound[slides[-1]] - 1) < 1e-8
     assert pull[slides[2:-1], 0] == pytest.approx(pull[slides[-1], 0], rel=1e-4)
-    # From first slip until a wall bears, the end moves by the clearance, to within one step.
+    # Between first slip and first contact with a wall, the end moves by the clearance, to within one step.
     assert way[bears][0] == pytest.approx(lap_joint.CLEARANCE + way[slides[0]], abs=way[-1] - way[-2])
     assert (np.diff(walls[bears, 0]) < 0).all()
 
@@ -250,7 +250,7 @@ def test_a_lug_bears_its_pin_as_the_load_turns():
     contact = history.contact
     risen = history.times >= 1.0
     assert (contact.open_count[risen] > 50).all()
-    # The middle of the pressure follows the direction of the load.
+    # The centre of pressure follows the direction of the load.
     weights = contact.pressure * contact.lengths
     middle = np.arctan2(weights @ contact.points[:, 1], weights @ contact.points[:, 0])
     behind = (middle - lug.direction(history.times) + np.pi) % (2 * np.pi) - np.pi

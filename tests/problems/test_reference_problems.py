@@ -20,7 +20,7 @@ import vemcvx as vx
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
-    """On every mesh a block of weight G slips up the angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
+    """On every mesh a block of weight G slips up a slope of angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
     # Fixed-point iterations solve each program to a tenth of the requested error. Clarabel needs polishing for this.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)

@@ -35,7 +35,7 @@ def test_two_blocks_make_one_loop(family):
 
 @pytest.mark.long
 def test_a_pack_of_blocks_slides_one_by_one(family):
-    """Tractions, slips, and the plate force by Masing's rule are exact on every mesh."""
+    """Tractions, slips and the plate force (Masing's rule) are exact on every mesh."""
     mesh, times = pack.mesh(2, family), pack.times(40)
     history = vx.simulate(pack.scene(), mesh, times)
     contact, (q, a), one = history.contact, pack.exact_solution(times), pack.bearing(history.contact.points)
@@ -125,7 +125,7 @@ def test_a_pad_brakes_a_disc():
 
 @pytest.mark.long
 def test_two_cylinders_have_the_pressure_of_hertz():
-    """Half-width and peak are within two per cent on meshes with 16 and 12 cells in the half-width."""
+    """Half-width and peak agree with Hertz within two per cent. The half-width has 16 and 12 cells."""
     history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
     contact, force = history.contact, cylinders.force(history)[-1]
     x, p = contact.points[:, 0], contact.pressure[-1]

@@ -76,7 +76,7 @@ def test_frictionless_contact_counts_as_symmetry(degrees, words):
 
 @pytest.mark.parametrize("friction", [(), (vx.CoulombFriction(0.3, on="bottom"),)])
 def test_the_edge_of_contact_inside_a_side_is_no_corner(friction):
-    """Contact ends at the left corner, and inside the bottom."""
+    """One end of the contact is the left corner. The other end is inside the bottom edge."""
     lift = vx.PrescribedDisplacement(lambda x, t: t * (x[:, :1] * [0.0, 0.04] + [0.0, -0.02]), on="top")
     history = run_settled(vx.meshes.squares(8), STEEL, lift, vx.UnilateralContact(on="bottom"), *friction)
     places = sorted(history.contact.points.tolist())
@@ -87,7 +87,7 @@ def test_the_edge_of_contact_inside_a_side_is_no_corner(friction):
 
 @pytest.mark.parametrize(("width", "words"), [(2.0, REENTRANT), (1.0, "")])
 def test_angles_of_touching_bodies_are_added(width, words):
-    """The angle is 270 degrees on a wider block, and 180 degrees on an equal block."""
+    """The angle is 270 degrees on a wider block, and 180 degrees on a block of the same width."""
     boxes = {"lower": ((-1.0, width - 1.0), (-1.0, 0.0)), "upper": ((-1.0, 0.0), (0.0, 1.0))}
     mesh = vx.meshes.bodies({name: vx.meshes.squares((4 * int(box[0][1] + 1), 4), box) for name, box in boxes.items()})
     contact = vx.UnilateralContact(on="lower|upper"), vx.Clamp(on="lower.bottom")
@@ -117,7 +117,7 @@ def test_bounded_stresses_are_not_marked(problem, n):
 
 @pytest.mark.long
 def test_marks_of_given_friction_and_of_a_read_history(tmp_path):
-    """Tresca's friction is bounded. Von Mises' stress at the same corner is not."""
+    """Tresca's friction is bounded, but von Mises' stress at the same corner is unbounded."""
     history = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(8), feng_han_huang.times(2))
     told = marks(history)
     assert (told["von_mises"], told["friction"]) == (RUBBED, "")

@@ -1,4 +1,4 @@
-"""Histories are read back from files to the bit. Damaged files are refused."""
+"""Histories are read back from files without loss. Damaged files are refused."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def assert_balanced(history, scene=None):
     nodal = np.zeros_like(history.forces)
     for row, forces in enumerate(acting.force[:, others]):
         np.add.at(nodal[row], acting.ends[others, 0], forces)
-        for load in between:  # `history.forces` excludes loads between two ends.
+        for load in between:  # `history.forces` excludes loads that two bodies exert on each other.
             nodal[row] -= load.vector(history.times[row]).reshape(nodal[row].shape)
     off = np.abs(nodal - history.forces)
     if history.is_axisymmetric:  # No effect exerts the radial forces on the axis.

@@ -1,4 +1,4 @@
-"""Counts of contact nodes that stick, slip and are open."""
+"""Numbers of sticking, slipping and open contact nodes."""
 
 from __future__ import annotations
 

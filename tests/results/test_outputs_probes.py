@@ -28,7 +28,7 @@ def draw_points(n, seed=0):
 
 
 def make_comb():
-    """Return a mesh of a comb-shaped cell with two slots, and a square on the middle tooth."""
+    """Return a mesh of two cells: a comb with two slots, and a square on the middle tooth."""
     outline = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]
     return vx.PolygonMesh(np.array([*outline, [3, 4], [2, 4]], dtype=float), [list(range(12)), [7, 6, 12, 13]])
 

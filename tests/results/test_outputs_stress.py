@@ -15,7 +15,7 @@ YOUNG, POISSON = 200.0, 0.3
 LAM, MU = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))
 ALPHA, THETA = 1.2e-3, 50.0
 STEEL = vx.Elasticity(YOUNG, POISSON)
-# Moduli of wood, with three different axes.
+# Moduli of wood, different along three axes.
 E, NU, G = (12.0, 1.0, 0.6), (0.4, 0.5, 0.35), 0.9
 ROUNDED = 1e-12
 planes = pytest.mark.parametrize("plane", ["strain", "stress"])

@@ -55,7 +55,7 @@ def test_the_table_of_contact_has_a_row_for_each_node_at_each_stored_step(histor
 
 @pytest.mark.filterwarnings("ignore:supports")
 def test_arc_lengths_run_with_the_body_on_their_left_and_begin_at_0_on_each_piece():
-    """Walls press both sides. Arc lengths run down on the left side, and up on the right side."""
+    """Walls press both sides. The arc length grows downwards on the left side, and upwards on the right side."""
     walls = [vx.UnilateralContact(on=name, gap=lambda x, t: -0.01 * t * (1 + x[:, 1])) for name in ("left", "right")]
     scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Symmetry(on="bottom"), *walls)
     history = vx.simulate(scene, small("squares"), TIMES)

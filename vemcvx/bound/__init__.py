@@ -12,7 +12,7 @@ moves the body into a rigid obstacle. So the exact stress sigma = sigma_0 + C ep
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all v that the supports admit.                     (1)
 
 **The pair.** Let v be a displacement that the supports admit, with finite j(v). Let q be a friction and p a pressure on
-the contact boundary. Let the stress tau be in equilibrium with the loads, q and p. So for all w that vanish on supports
+the contact boundary. Let the stress tau balance the loads, q and p. So for all w that vanish on the supports
 
     (tau, eps(w))  =  l(w) - int (q w_t + p w_n),                                                                 (2)
 
@@ -31,11 +31,11 @@ r = X + C eps(e), and (X, eps(e)) >= h(u) - h(v) >= -b by (1) and (2). So |r|^2 
 the third. For the fourth, (1) gives J(v) - J(u) >= |e|^2 / 2 >= 0. By (2), J(v) - J(u) = (r, eps(e)) + h(v) - h(u) -
 |e|^2 / 2 <= A |e| + b - |e|^2 / 2 <= A^2 / 2 + b.
 
-**Theorem 2** (lower bound). If w vanishes on supports and where friction and obstacles act, then |e| >= R(w) / |w| with
-the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Insert
+**Theorem 2** (lower bound). If w vanishes on the supports and where friction or obstacles act, then |e| >= R(w) / |w|
+with the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Insert
 v = u + w and v = u - w in (1). So (sigma, eps(w)) = l(w) and R(w) = a(e, w). Then minimise J(v + s w) over numbers s.
 
-**Theorem 3** bounds errors of quantities (:mod:`.quantity`), **Theorem 4** errors of histories (:mod:`.whole_history`).
+**Theorem 3** (:mod:`.quantity`) is on quantities, and **Theorem 4** (:mod:`.whole_history`) on histories.
 
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
 estimate (:mod:`.reading`).

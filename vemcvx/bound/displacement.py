@@ -33,7 +33,7 @@ from vemcvx.bound.fan import (
 from vemcvx.bound.stress import VOIGT
 
 NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in range(3)])
-"""Node numbers (3, 6) at the stations of each part (:mod:`.fan`)."""
+"""The six nodes (3, 6) of each part."""
 
 
 def _extend(values: Floats, part: int) -> Floats:
@@ -45,7 +45,7 @@ def _extend(values: Floats, part: int) -> Floats:
 VALUES = np.concatenate([_extend(monomials(RULE[k]) @ COEFFICIENTS[k], k) for k in range(3)])
 """The values (21, 10) of the ten Lagrange functions phi_i at the points of `RULE`."""
 SLOPES = np.concatenate([_extend(monomial_slopes(STATIONS[k]) @ COEFFICIENTS[k], k) for k in range(3)])
-"""The gradients (18, 2, 10) of phi_i at the 18 stations."""
+"""The gradients (18, 2, 10) of phi_i at the six nodes of each part."""
 GRAM = np.einsum("ij,piak,pjbl->abkl", MASS, SLOPES.reshape(3, 6, 2, 10), SLOPES.reshape(3, 6, 2, 10))
 """The integrals (2, 2, 10, 10) of products of derivatives of phi_i."""
 _POINTS = RULE.reshape(-1, 2)
@@ -55,7 +55,7 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRI
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the forms (c, n, 26, 26) of triangles, in displacements and forces."""
+    """Return the energy matrices (c, n, 26, 26) of triangles."""
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
@@ -84,7 +84,7 @@ def displacement_form(fans: Fans) -> Floats:
 
 
 def split_outline(fans: Fans, outline: Floats) -> tuple[Floats, Floats]:
-    """Return mean strains (c, 3), and outlines (c, 4 n) minus linear parts."""
+    """Split outlines into mean strains (c, 3) and remainders (c, 4 n)."""
     c, n = fans.corners.shape[:2]
     values = outline.reshape(c, 2 * n, 2)
     slopes = np.matmul(values.transpose(0, 2, 1), fans.gradients)

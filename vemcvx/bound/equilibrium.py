@@ -1,14 +1,14 @@
 """Stresses of least energy in equilibrium with given forces, by a hybrid method (B. Fraeijs de Veubeke, 1965).
 
-Let u_D be the displacement of supports, n the outward normal, sigma_0 the prestress, C the elastic tensor, and (., .)
-the integral of a product. The stress tau of :mod:`.stress` is in equilibrium with all loads, and minimises
+Let u_D be the displacement of the supports, n the outward normal, sigma_0 the prestress, C the elastic tensor, and
+(., .) the integral of a product. The stress tau of :mod:`.stress` is in equilibrium with all loads, and minimises
 
-    (tau, C^-1 tau) / 2  -  int over supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
+    (tau, C^-1 tau) / 2  -  int over the supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
 
 The unknowns are edge motions m, linear on edges, with jumps at vertices. A cell with the matrix G exerts the forces G m
 on edges, and further forces due to loads and sigma_0. On every edge, the forces of both cells cancel.
 
-Let v be the displacement of the run. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v as
+Let v be the computed displacement. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v as
 on v. We compute x = m - L v, which has smaller rounding errors than m.
 """
 
@@ -40,7 +40,7 @@ class Edges:
     count: int
     places: tuple[Ints, ...]  # positions (c, 4 n) of the edge motions, for each chunk of cells
     outer: Ints  # (b, 2, 2) positions of motions of boundary edges
-    nodes: Ints  # (E, 2) ends of the edges, in increasing order
+    nodes: Ints  # (E, 2) ends of each edge, in increasing order
 
     def outline(self, u: Floats) -> Floats:
         """Return u at vertices, then u at the middles of edges."""
@@ -73,7 +73,7 @@ class Equilibrium:
     edges: Edges
     fans: tuple[Fans, ...]
     stiffness: tuple[Floats, ...]  # matrices G (k, 4 n, 4 n), for each chunk of cells
-    P: sp.csr_matrix  # (4 E, m) matrix from free motions to all edge motions
+    P: sp.csr_matrix  # matrix from free motions to all 4 E edge motions
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
@@ -103,7 +103,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     P = _free_motions(edges, boundary)
     each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
     K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
-    # The matrix K of a floating body is singular. The method `solve` corrects the effect of the added diagonal.
+    # A floating body has a singular matrix K. The method `solve` corrects the effect of the added diagonal.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)

@@ -30,7 +30,7 @@ class ErrorBound(Outlined):
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
-    exact history, which begins at v or, with initial="equilibrium" or "settled", in exact equilibrium.
+    exact history. It begins at v(0). With initial="equilibrium" or "settled", it begins in exact equilibrium.
 
     Attributes
     ----------
@@ -137,9 +137,9 @@ def error_bound(
     ----------
     history : History
     step : int, optional
-        A stored step whose predecessor was also stored; -1 is the last step. A quantity requires a step. Without a
-        step, the bounds hold for the whole history. All steps must then be stored, and contact must be bilateral with a
-        given friction bound (BilateralContact, TrescaFriction). A warning lists instants inside steps at which data are
+        A stored step whose predecessor was also stored; -1 is the last step. `of` requires a step. Without a step,
+        the bounds hold for the whole history. All steps must then be stored, and contact must be bilateral with a given
+        friction bound (BilateralContact, TrescaFriction). A warning lists instants inside steps at which data are
         not linear in time.
     of : Effect or sequence of Effect, optional
         A linear quantity, given as the load whose work equals the quantity. ``Traction((1.0 / length, 0.0), on="top")``

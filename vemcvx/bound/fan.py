@@ -30,7 +30,7 @@ FORCES = 6  # number of coefficients of the body force in a cell
 
 
 def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
-    """Return representatives of groups with equal arrays, and the group numbers (c,)."""
+    """Group equal arrays, and return one member per group and the group numbers (c,)."""
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
     # If most of the first 64 cells differ, no cells are grouped.
     if len(np.unique(rows[:64], axis=0)) > 32:
@@ -78,7 +78,7 @@ class Fans:
 
     @cached_property
     def alike(self) -> tuple[Ints | slice, Ints]:
-        """Cells with distinct corners or C, and the shape numbers (c,) of all cells."""
+        """One cell per shape, and the shape numbers (c,). Cells of a shape have equal corners and C."""
         return distinct([self.corners, self.C])
 
     def expand(self, matrices: Floats) -> Floats:
@@ -88,7 +88,7 @@ class Fans:
 
     @property
     def shapes(self) -> Fans:
-        """The fans of the distinct cells in `alike`."""
+        """The fans of one cell per shape."""
         rows = self.alike[0]
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
@@ -133,7 +133,7 @@ class Fans:
 
     @cached_property
     def normals(self) -> Floats:
-        """The outward normals (c, n, 2) of outer edges, as long as the edges."""
+        """The outward normals (c, n, 2) of outer edges, scaled by edge length."""
         return right_of(np.roll(self.corners, -1, axis=1) - self.corners)
 
     @cached_property
@@ -166,7 +166,7 @@ def condense(M: Floats, first: int) -> Floats:
 
 
 def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
-    """Return the forms of cells, given triangle matrices and positions of unknowns."""
+    """Assemble triangle matrices, and return the forms of cells."""
     inside = int(slots.max()) + 1 - 4 * fans.n
     places = np.concatenate([slots, np.tile(int(slots.max()) + 1 + np.arange(FORCES), (fans.n, 1))], axis=1)
     by_force = np.zeros((*each.shape[:2], 18, 12 + FORCES))
@@ -185,7 +185,7 @@ def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Float
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells, in chunks with equally many vertices."""
+    """Return the fans of all cells. All cells of a chunk have equally many vertices."""
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]

@@ -1,4 +1,4 @@
-"""A mesh with boundary edges cut into pieces, to compare data at new nodes with linear interpolation."""
+"""A mesh with boundary edges cut into pieces. Data at the new nodes are compared with linear interpolation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FineBoundary:
         return np.asarray((1.0 - s) * start + s * stop)
 
     def tips(self, rows: Friction | Obstacle, values: Floats) -> Floats:
-        """Return values (b, 2, d) at ends of boundary edges, NaN without the effect."""
+        """Return values (b, 2, d) at ends of boundary edges; missing values are NaN."""
         found = np.full((int(self.owner.max()) + 1, 2, values.shape[1]), np.nan)
         if rows.ends is not None:
             tips = np.flatnonzero((rows.nodes[rows.ends.row] < self.old) & (rows.ends.beyond >= self.old))
@@ -43,14 +43,14 @@ class FineBoundary:
         return found
 
     def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return new nodes of an effect, with given and interpolated values."""
+        """Return the new nodes of an effect, the values there, and interpolated values."""
         new = np.flatnonzero(rows.nodes >= self.old) if rows.ends is not None else np.zeros(0, dtype=np.int64)
         at = rows.nodes[new] - self.old
         return at, *without_rounding(values[new], np.nan_to_num(self.between(self.tips(rows, values), at)))
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """Replace values that equal `line` up to rounding, and return both arrays."""
+    """Set values close to `line` to `line`, and return both arrays."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 

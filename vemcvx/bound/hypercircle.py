@@ -18,7 +18,7 @@ work on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximise
 |v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
 
 **The lower bound** is R(w) / |w| with the residual R of Theorem 2. Let W be the space of displacements that are
-quadratic on edges, have least energy inside cells, and vanish on supports and on edges with friction, obstacles or
+quadratic on edges, have least energy inside cells, and vanish on the supports and on edges with friction, obstacles or
 bonded bodies. We compute w in W with a(w, z) = R(z) for all z in W. So the lower bound is |w|. The displacement v + w
 is called *richer*.
 """
@@ -54,7 +54,7 @@ class Forms:
     fans: Fans
     outlines: Ints  # (c, 4 n) positions of cell outlines in `Defect.outline`
     stress: Floats  # G, for edge motions and body force
-    displacement: Floats  # S, for values at vertices and middles, and body force
+    displacement: Floats  # S, for values at vertices and edge middles, and body force
 
     @cached_property
     def defect(self) -> Floats:
@@ -191,13 +191,13 @@ class Hypercircle:
         )
 
     def work_of_tractions(self, forces: Floats) -> Floats:
-        """Map forces on outer edges to equivalent forces at vertices and middles."""
+        """Map forces on outer edges to equivalent forces at vertices and edge middles."""
         edges = self.equilibrium.edges
         whole = totals(edges.outer.ravel(), forces.ravel(), 4 * edges.count)
         return np.asarray(edges.motions.T @ whole)
 
     def _forces_of(self, defect: Defect, prestress: Floats) -> tuple[Floats, Floats]:
-        """Return forces on edges, and forces at vertices and middles."""
+        """Return forces on edges, and forces at vertices and edge middles."""
         tractions, works = list[Floats](), list[Floats]()
         for one in self.forms:
             n, (strain, bent) = 4 * one.fans.n, split_outline(one.fans, defect.outline[one.outlines])

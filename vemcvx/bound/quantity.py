@@ -1,13 +1,13 @@
 """Bounds on a linear quantity, by two hypercircles.
 
-The quantity q(u) is the work of a load on the displacement u. If the quantity also prescribes a displacement u_D of
-supports, q(u) includes the work of support forces on u_D. As in :mod:`vemcvx.bound`, u and sigma are exact, and v and
-tau are admissible. With the elastic tensor C and the prestress sigma_0, r = tau - sigma_0 - C eps(v) has the norm A.
-Let b be the defect of v and tau in the laws of friction and contact, and e = u - v.
+The quantity q(u) is the work of a load on the displacement u. If the load includes a prescribed displacement u_D, q(u)
+includes the work of the support forces on u_D. As in :mod:`vemcvx.bound`, u and sigma are exact, and v and tau are
+admissible. With the elastic tensor C and the prestress sigma_0, r = tau - sigma_0 - C eps(v) has the norm A. Let b be
+the defect of v and tau in the laws of friction and contact, and e = u - v.
 
-The dual pair is a displacement z_h with z_h = z_D := -u_D on supports, and a stress tau_z in equilibrium with the load
-of q. The defect of the dual pair is r_z, with the norm A_z. Let T(w) be the work on w of the loads, friction and
-pressure that are in equilibrium with tau. Then
+The dual pair is a displacement z_h with z_h = z_D := -u_D on the supports, and a stress tau_z in equilibrium with the
+load of q. The defect of the dual pair is r_z, with the norm A_z. The loads, friction and pressure in equilibrium with
+tau do the work T(w) on w. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
@@ -26,8 +26,8 @@ open, tau_z may have a normal traction. If z_D moves an end of an edge with fric
 do different work on z_h. The half width then includes a bound on the difference. The bounds also hold for v + w and z_h
 + w_z, with the corrections w and w_z of :mod:`.hypercircle`.
 
-Let l_0 be the load minus a linear fit, with the norm eta, and q_0 the quantity minus a linear fit (:mod:`.reading`).
-The half width includes an estimate of |l_0(z_h) + q_0(u)| + A_z eta.
+Let l_0 be the load minus a linear fit, and eta the norm of l_0. Let q_0 be the quantity minus a linear fit
+(:mod:`.reading`). The half width includes an estimate of |l_0(z_h) + q_0(u)| + A_z eta.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class Reading:
     """The linear fits to the data at an instant."""
 
     tractions: Floats  # (b, 2, 2) tractions at the ends of edges
-    friction: Floats  # (b, 2) given friction bounds at the ends of edges
+    friction: Floats  # (b, 2) friction bounds at the ends of edges
     body: Floats  # (n_cells, 6) coefficients of body forces
     omitted: Floats  # scaled remainders, with the norm eta
 
@@ -115,7 +115,7 @@ class Reader:
         return Reading(tractions, np.maximum(friction[..., 0], 0.0), body, omitted)
 
     def local_errors(self, now: Instant, means: Floats) -> Floats:
-        """Return the energies (b,) of remainders on edges, with `means` as fits to tractions."""
+        """Return the energies (b,) of remainders on edges."""
         edges, shear, squares = self.edges, self.edges.shear[self.edges.outer], np.zeros(len(self.edges.outer))
         tractions = self._tractions(now.t)
         squares += np.mean(np.sum(_remove_rounding(tractions, tractions - means[:, None]) ** 2, axis=2), axis=1)
@@ -157,7 +157,7 @@ class Reader:
         return found, np.concatenate(scaled)
 
     def _deviations_of_gaps(self, now: Instant) -> Floats:
-        """Return the largest |gap - interpolant| (b,) where edges touch obstacles."""
+        """Return the largest |gap - interpolant| (b,) on edges with obstacles."""
         fine, edges, highest = self.fine, self.edges, np.zeros(len(self.edges.outer))
         if not self.obstacles:
             return highest
@@ -216,7 +216,7 @@ def list_parts(posed: PosedScene, space: Space, effects: Sequence[Effect] | None
 
 
 def varies_in_place(parts: Sequence[Contribution]) -> bool:
-    """Return True if moduli, eigenstrains or prestress are functions of place."""
+    """Return True if moduli, eigenstrains or prestress vary with position."""
     laws = any(part.material is not None and part.material.at is not None for part in parts)
     swell = any(one.at is not None for part in parts for one in part.eigenstrains)
     return laws or swell or any(one.at is not None for part in parts for one in part.initial_stresses)
@@ -225,7 +225,7 @@ def varies_in_place(parts: Sequence[Contribution]) -> bool:
 def compare_stresses(
     posed: PosedScene, parts: Sequence[Contribution], at: tuple[Floats, Ints], t: float, strain: Floats
 ) -> tuple[Floats, Floats]:
-    """Return stress errors (q, m) of cell-wise constant data, and elastic matrices, at points."""
+    """Return stress errors (q, m) of cell-wise constant data, and elastic matrices."""
     (x, owner), material, dim = at, posed.material, posed.space.dim
     C_K, blocked_K = elastic_matrix(material.moduli, dim), material.thermal_stress_moduli
     C, blocked = C_K[owner], blocked_K[owner]

@@ -28,13 +28,13 @@ from vemcvx.vem.tensors import elastic_matrix
 class Joints:
     """The pairs of opposite boundary edges (in space: faces) at interfaces."""
 
-    across: Ints  # (b, 2) opposite nodes on second bodies, or -1; empty in space
-    first: Ints  # (k,) edges or faces of first bodies
-    second: Ints  # (k,) opposite edges or faces of second bodies
-    bonded: Bools  # (k,) True where supports prescribe the normal jump
+    across: Ints  # (b, 2) nodes across the interface for edges in `first`, else -1; empty in space
+    first: Ints  # (k,) edge or face on the first body of each pair
+    second: Ints  # (k,) opposite edge or face on the second body
+    bonded: Bools  # (k,) True where the supports prescribe the normal jump
 
     def reaction(self, force: Floats) -> Floats:
-        """Return the reactions on second bodies to forces on first bodies."""
+        """Return the reactions on the edges in `second` to forces on the edges in `first`."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back
@@ -177,8 +177,8 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
-    """Return values of contact rows at ends of boundary edges, zero without rows."""
-    # Held ends at interfaces have no row. They get the value at the other end.
+    """Return values of contact rows at ends of boundary edges, or zero."""
+    # At interfaces, held ends have no row. They get the value at the other end of the edge.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -46,7 +46,7 @@ VOIGT = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0], [0.0, 1.
 
 
 def _rows(part: int, x: Floats, n: Floats | None = None) -> Floats:
-    """Return the matrix from tau at stations to tau n or div tau."""
+    """Return the matrix from nodal values of tau to tau n or div tau."""
     along = monomial_slopes(x) if n is None else n[:, None] * monomials(x)[:, None]
     found = np.zeros((len(x), 2, 3, 6, 3))
     found[:, :, part] = np.einsum("qbi,abk->qaik", along @ COEFFICIENTS[part], VOIGT)
@@ -69,7 +69,7 @@ def _conditions(count: int) -> tuple[Floats, Floats, Floats]:
 
 @cache
 def reference() -> Floats:
-    """Return the matrix (54, 18) from tractions and forces to stresses at the stations."""
+    """Return the matrix (54, 18) from tractions and forces to nodal stresses."""
     outer, jumps, inside = _conditions(2)
     middles = np.zeros((3, 3, 3, 3, 6, 3))
     for part, side, component in np.ndindex(3, 3, 3):
@@ -127,7 +127,7 @@ def _energies() -> Floats:
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the forms (c, n, 18, 18) of triangles, in edge motions and forces."""
+    """Return the matrices (c, n, 18, 18) of the quadratic forms of triangles."""
     c, n = fans.corners.shape[:2]
     M = _piola(fans.B)
     compliances = np.matmul(M.swapaxes(2, 3), np.matmul(np.linalg.inv(fans.C)[:, None], M))
@@ -155,6 +155,6 @@ def _slots(n: int) -> Ints:
 
 
 def stress_form(fans: Fans) -> Floats:
-    """Return the forms of all shapes, in edge motions and body force."""
+    """Return one matrix per cell shape, for edge motions and body force."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, triangle_forms(shapes), _slots(fans.n))

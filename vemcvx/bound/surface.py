@@ -42,7 +42,7 @@ def products(a: Floats, b: Floats) -> Floats:
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
-    """Return the components (b, 2) of end vectors along `ways`."""
+    """Return the components (b, 2) of `ends` along `ways`."""
     return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
@@ -58,8 +58,8 @@ def squares_above_zero(z: Floats) -> Floats:
 class Surface:
     """The forces, friction and contact on boundary edges at an instant."""
 
-    loads: Floats  # (b, 2, 2) end forces of loads (`forces_of`)
-    forces: Floats  # (b, 2, 2) end forces of loads, friction and pressure
+    loads: Floats  # (b, 2, 2) loads at the ends of edges (`forces_of`)
+    forces: Floats  # (b, 2, 2) loads, friction and pressure at the ends of edges
     cost: Floats  # (b,) int (g |s| + k z_+^2 / 2)
     gap: Floats  # (b,) defects in the laws of friction and contact
     laws: Floats  # (2, b, 2) g and q at the ends of edges
@@ -173,7 +173,7 @@ class Boundary:
         return found
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
-        """Return the support that differs most from u between nodes, and the difference."""
+        """Return the support with the largest difference from u, and the difference."""
         ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
         for support in self.reader.supports:
@@ -219,7 +219,7 @@ class Boundary:
         )
 
     def forces_of(self, tractions: Floats) -> Floats:
-        """Return the end forces int t phi (b, 2, 2) of tractions t, with hat functions phi."""
+        """Return the forces int t phi (b, 2, 2) of tractions t, with hat functions phi."""
         return np.asarray(np.matmul(self.edges.lengths[:, None, None] * MASS, tractions))
 
     def law_defect(self, before: Surface, now: Surface) -> float:
@@ -331,7 +331,7 @@ class Boundary:
 
 def free_alone(P: sp.csr_matrix | sp.csc_matrix) -> Floats:
     """Return projectors (n_nodes, 2, 2) on the directions in which nodes can move alone."""
-    # P is orthonormal, so blocks of P P' have the eigenvalue 1 in these directions.
+    # The columns of P are orthonormal, so blocks of P P' have the eigenvalue 1 in these directions.
     moved = sp.csr_matrix(P @ P.T).tocoo()
     near, blocks = moved.row // 2 == moved.col // 2, np.zeros((P.shape[0] // 2, 2, 2))
     blocks[moved.row[near] // 2, moved.row[near] % 2, moved.col[near] % 2] = moved.data[near]

@@ -12,14 +12,14 @@ int m y. In step n all fields are linear in time. Let D_n be the integral of D' 
 
     |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,      |u - v_n|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2,
 
-because C eps(u - v_n) = r_n - X. The displacement w of :mod:`.hypercircle` vanishes on supports and contact, so X is
-orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |r_n|^2.
+because C eps(u - v_n) = r_n - X. The displacement w of :mod:`.hypercircle` vanishes on supports and contact edges, so X
+is orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |r_n|^2.
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
 zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b with b of this first step.
 
-**Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. We then add
-SAFETY times the largest distance of both runs so far in the energy norm.
+**Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. To the bound
+at an instant, we add SAFETY times the largest energy distance between both runs up to the instant.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def check_history(posed: PosedScene, history: History) -> None:
 
 
 def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats, Floats]:
-    """Return the terms of the bounds, squared cell errors, and instants at which data are not linear."""
+    """Return terms of the bounds, squared cell errors, and instants of nonlinear data."""
     first = instant(history, 0)
     rests = history.begins in ("equilibrium", "settled")
     pair = circle.pair(first, replace(first, u=0.0 * first.u) if rests else first)
@@ -84,7 +84,7 @@ def collect_terms(circle: Hypercircle, history: History) -> tuple[Floats, Floats
             y, dissipated = float(np.sqrt(y**2 + 2.0 * lost)) + change, dissipated + lost
             missed += float(np.linalg.norm(pair.read.omitted - before.read.omitted))
         richer = float(np.sqrt(circle.squares(pair.richer).sum()))
-        # The columns are y, the sum of D_n, |v_n|_a, |r_n| of v, |r_n| of v + w, and estimated errors.
+        # The columns are y, the sum of D_n, |v_n|_a, |r_n| for v, |r_n| for v + w, and estimated errors.
         found.append((y, dissipated, pair.norm, float(np.sqrt(pair.A2)), richer, missed + pair.read.eta))
         squares.append(pair.cells)
     between, bends = _between(circle.posed, history)

@@ -77,7 +77,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """cell size and value by name, for extremes that may be unbounded"""
+    """cell size and value of each extreme that may be unbounded"""
 
     @property
     def total(self) -> float:
@@ -318,7 +318,7 @@ def _check(target: object, most: object, progress: object) -> None:
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Return the aim with `turns`, and instants for a small time error on `mesh`."""
+    """Return the aim with `turns`, and instants with a small time error on `mesh`."""
     # Effects that are zero at all given instants may act between them.
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")

@@ -115,7 +115,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     ----------
     history : History
     steps : int or sequence of int, optional
-        Stored steps to examine; by default all but the initial instant.
+        Stored steps to examine; by default all steps after step 0.
 
     Returns
     -------

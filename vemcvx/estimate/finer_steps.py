@@ -1,9 +1,9 @@
 """The error of time steps, estimated by a run in finer steps (docs/theory/error_estimates.md).
 
 Let u_n be the displacement of a run at the instant t_n, and u(t_n) the solution that is exact in time. Let v_n be the
-displacement of a run with FINER steps per step. If errors in the energy norm |.|_a are of first order, then
-|u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1 / FINER). Let y_n and z_n be the contact unknowns of both runs, and S the
-stiffness condensed to the contact unknowns. Then |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n).
+displacement of a run that splits each step into FINER steps. If errors in the energy norm |.|_a are of first order,
+then |u_n - u(t_n)|_a <= |u_n - v_n|_a / (1 - 1 / FINER). Let y_n and z_n be the contact unknowns of both runs, and S
+the stiffness condensed to the contact unknowns. Then |u_n - v_n|_a^2 = (y_n - z_n)' S (y_n - z_n).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.stepping import PreparedRun, StepData, make_given_state, settle_from, step
 from vemcvx.stepping.course import Course, sample_course, subdivide
 
-FINER = 4  # least number of finer steps per step
+FINER = 4  # least number of steps of the finer run in each step
 TO_EXACT = 1.25  # factor of |u_n - v_n|_a in the estimate
 
 
@@ -52,11 +52,11 @@ def compare_finer_steps(run: PreparedRun, times: Floats, initial: Floats, known:
 
 
 def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
-    """Return the instants of at least `parts` finer steps per step."""
+    """Return instants that split each step into at least `parts` steps."""
     chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
-    # Each piece has the interpolation error h^2 |f''| / 8 = .002, with data f and the length h.
+    # For data f, a piece of length h has the interpolation error h^2 |f''| / 8 = .002.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 

@@ -1,8 +1,8 @@
 """Friction work, work and wear, with estimated errors due to steps and mesh.
 
-The scene is simulated twice more: in half steps, and with all cells refined. With the step size k and the mesh size h,
-the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| (steps) and 2 |Q_h - Q_{h/2}| (mesh). For wear, Q is the wear at
-the contact node with the largest difference (docs/theory/error_estimates.md).
+The scene is simulated twice more: once with halved steps, and once with all cells refined. With the step size k and the
+mesh size h, the estimated errors of a value Q are 3 |Q_k - Q_{k/2}| (steps) and 2 |Q_h - Q_{h/2}| (mesh). For wear, Q
+is the wear at the contact node with the largest error (docs/theory/error_estimates.md).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from vemcvx.stepping.course import sample_course
 def quantities(history: History) -> dict[str, Quantity]:
     """Estimate the errors of the friction work, the work and the largest wear of a run.
 
-    The scene is simulated twice more: in half steps, and with all cells refined.
+    The scene is simulated twice more: once with halved steps, and once with all cells refined.
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
-    """Return a mask (S, m) of nodes that do not slide in the step before an instant."""
+    """Return a mask (S, m) of nodes that do not slide in a stored step."""
     sticking = np.ones(slip.shape[:2], dtype=bool)
     smooth = np.setdiff1d(np.arange(slip.shape[1]), at)
     for row, n in enumerate(trajectory.stored):

@@ -10,8 +10,8 @@
   :func:`vemcvx.read_history` reads only this file
 
 In a VTU file, nodes have displacements and contact arrays, and cells have the fields of `History.on_cells`. At nodes
-without contact, `sticking` and `closed` are NaN, and all other contact arrays are zero. On second bodies of interfaces,
-slips and tractions have the opposite sign. If writing fails, an older history remains.
+without contact, `sticking` and `closed` are NaN, and all other contact arrays are zero. On the second body of an
+interface, slip and traction have the opposite sign. If writing fails, an older history remains.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ from vemcvx.vem.tensors import AXISYMMETRIC
 
 log = logging.getLogger("vemcvx")
 NOWHERE, ACROSS = -1, -2
-"""Placeholders for a side: NOWHERE at nodes without a side, ACROSS on second bodies of interfaces."""
+"""Placeholders for a side: NOWHERE at nodes without a side, ACROSS on the second body of an interface."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

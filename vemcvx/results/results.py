@@ -102,7 +102,7 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        The order is one with dashpots, or if slip changes direction in space.
+        With dashpots, and in space for turning slip, the order is 1.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -222,7 +222,7 @@ class Results(ActingForces):
         corners, grew, found = Corners(self.mesh, self.contact, self.sides), self.growth or {}, []
         given = not self.trajectory.given_friction.any()
         for one, k, even in largest_values(self):
-            # At corners, slip and friction with given bounds stay bounded.
+            # At corners, slip is bounded, and so is friction with a given bound.
             bounded = one.key == "slip" or (one.key == "friction" and given)
             near, row = [] if even or bounded else _near(self, corners, one.key, k), self.row(one.step)
             words = corners.at_load(near) if one.key == "displacement" else corners.sentence(near, row)

@@ -1,4 +1,4 @@
-"""Forces and moments across a plane through the body, and means of fields over cells.
+"""Forces and moments across a plane through the body, and mean values of fields.
 
 Let u be the displacement, A the stiffness without springs, and T sigma_0 the nodal forces of the stresses sigma_0 at
 zero strain. The nodal forces of the stresses are q = A u + T sigma_0. Let the part ahead of a plane move by a unit

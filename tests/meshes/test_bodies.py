@@ -65,7 +65,7 @@ IN_SPACE = pytest.param("pyvista", "tetrahedra", "cubes", "voronoi3", marks=pyte
 
 @pytest.mark.parametrize(("library", "first", "middle", "right"), [IN_PLANE, IN_SPACE])
 def test_files_pickles_and_libraries_keep_interfaces(tmp_path, library, first, middle, right):
-    """Join three bodies in a row. Sides touch in part, and two names are unusual."""
+    """Join three bodies in a row. Some sides touch only partly, and two names are unusual."""
     pytest.importorskip(library)
     boxes = ((0, 1), (0, 1)), ((1, 2), (0.25, 1.5)), ((2, 3), (-1, 1))
     up = [(0, 1)] * (first in SPACE_FAMILIES)
@@ -95,7 +95,7 @@ def test_histories_keep_interfaces_and_files_without_them_are_refused(tmp_path):
 
 
 def test_the_part_of_a_side_beside_the_interface_keeps_its_name():
-    """Put a block on a wider block. Two corners of the block become hanging nodes."""
+    """Put a block on a wider block. Two corners of the upper block become hanging nodes."""
     mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
     assert_matched(mesh)
     x = mesh.points[mesh.interfaces["lower|upper"].edges, 0]

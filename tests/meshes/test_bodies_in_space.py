@@ -84,7 +84,7 @@ def test_three_bodies_meet_along_an_edge():
 @pytest.mark.long
 @mostly_slow("size", range(2, 14), 2, 6, 7)
 def test_blocks_match_at_every_small_offset(size):
-    """Shift one block by 10^-size. Pieces of the interface become narrow, and nodes nearer than 8e-9 are merged."""
+    """Shift one block by 10^-size. Pieces of the interface become narrow, and nodes less than 8e-9 apart are merged."""
     for k, (name, exponent) in enumerate(itertools.product(("cubes", "tetrahedra", "kelvin"), (0.0, 0.5))):
         x, y = 10.0 ** -(size + exponent) * np.random.default_rng([size, k]).normal(size=2)
         make = SPACE_FAMILIES[name]

@@ -45,7 +45,7 @@ def test_groups_become_bodies(tmp_path):
 
 
 def test_an_arc_named_on_one_body_names_the_interface(tmp_path):
-    """Read a disc in a hole with different edges. tolerance= must exceed the distance between the polygons."""
+    """Read a disc and a plate with different edges. tolerance= must exceed the distance between the polygons."""
     hole, disc = vx.meshes.ring((1.0, 2.0), 12), vx.meshes.ring((0.3, 1.0), 16)
     points = np.concatenate([hole.points, disc.points])
     inner = hole.boundaries["boundary"]
@@ -77,7 +77,7 @@ def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tm
 
 
 def test_a_named_face_between_two_volumes_is_their_interface(tmp_path):
-    """Compress two blocks of lengths l1, l2 and moduli E1, E2 in a row. The end moves by -p (l1 / E1 + l2 / E2)."""
+    """Compress a row of two blocks, of lengths l1, l2 and moduli E1, E2. The end moves by -p (l1 / E1 + l2 / E2)."""
     x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
     sides = [[0, 3, 7, 4], [1, 2, 6, 5], [8, 9, 11, 10]]

@@ -201,7 +201,7 @@ def test_cells_of_meshio_may_be_numbered_in_either_direction():
 
 @pytest.mark.parametrize(("name", "kind"), [("cubes", "MeshHex1"), ("tetrahedra", "MeshTet1")])
 def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
-    """Compute the volume with scikit-fem, which depends on the order of vertices."""
+    """The volume in scikit-fem depends on the order of vertices."""
     mesh = make_solid(name)
     made = mesh.to("skfem")
     assert type(made).__name__ == kind

@@ -21,8 +21,8 @@ FATTEST = defaultdict(
 )
 """Family -> bound on diameter^2 / area after refinement.
 
-The ratio is 2 for a square and 4 for half a square. After seven passes with eight seeds, the largest ratios were 4.4
-for hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
+The ratio is 2 for a square and 4 for a triangle that is half a square. After seven passes with eight seeds, the largest
+ratios were 4.4 for hexagons, 5.3 for voronoi, 4.3 for distorted, and 22 for nonconvex.
 """
 
 

@@ -67,7 +67,7 @@ def test_lames_tube_has_errors_of_first_order_and_does_not_lock(family, poisson)
         mesh = getattr(vx.meshes, family)(n, box=((1.0, 2.0), (0.0, 0.5)))
         history = tube(mesh, poisson)
         exact = lame(mesh.points[:, 0], 10.0, 1.0, 2.0, 1000.0, poisson)
-        # The energy is half the work of the pressure. The square root of the error is of order h.
+        # The energy is half the work of the pressure. The square root of the energy error is of order h.
         energy = 0.5 * 10.0 * (2.0 * np.pi * 1.0 * 0.5) * lame(1.0, 10.0, 1.0, 2.0, 1000.0, poisson)
         errors.append(np.sqrt(abs(history.energy[-1] / energy - 1.0)))
         assert np.allclose(history.force(vx.Pressure)[-1], [2.0 * np.pi * 1.0 * 0.5 * 10.0, 0.0], rtol=1e-12)

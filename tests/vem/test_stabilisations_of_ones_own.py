@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, and the same form in stiffness, budget and nodal distance."""
+"""User-defined stabilisations: patch test, and one form in the stiffness, the error budget and the nodal distance."""
 
 from __future__ import annotations
 
@@ -82,7 +82,6 @@ def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
 
 @pytest.mark.long
 def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
-    """A history from a file has the distance of the history in memory."""
     mesh = small("voronoi", 3)
     for name in ("unit", own.Boundary()):
         history = simulate_bar(name, mesh)
@@ -116,7 +115,7 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 def compute_squares(history):
     """Return squared parts of the budget, and the number of cells with more stabilisation energy than edge energy.
 
-    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" sums the larger energy in each cell.
+    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" takes the larger energy in each cell.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

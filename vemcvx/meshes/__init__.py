@@ -1,4 +1,4 @@
-"""Meshes of polygons in the plane and of polyhedra in space: families, bodies, refinement, files, other libraries."""
+"""Meshes of polygons in the plane, and of polyhedra in space."""
 
 from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, ring, squares, triangles

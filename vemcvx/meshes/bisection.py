@@ -2,7 +2,7 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of the longest edge. Every cell with a new node on an edge is then
 bisected in the same way, until no edge has a hanging node (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
-Among longest edges of equal length, node numbers decide. Coinciding nodes at an interface count as one node.
+Between equally long edges, node numbers decide. Coinciding nodes at an interface count as one node.
 
 *Other cells* are split into one part per vertex. New nodes are the midpoints of edges, and the centroids of faces and
 cells. The new faces must be plane.
@@ -76,7 +76,7 @@ class Tetrahedra(NamedTuple):
     """Tetrahedra during bisection."""
 
     corners: Ints  # (n, 4) nodes, with the orientation of `FACES`
-    parts: Ints  # (n, 4) original boundary face on the side opposite to the corner, or -1
+    parts: Ints  # (n, 4) old boundary face opposite to the corner, or -1
     parents: Ints  # (n,) original cell
     cuts: Ints  # (n,) number of bisections of the original cell
 
@@ -94,7 +94,7 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the longest edges (n, 2) as positions in rows of `corners`."""
+        """Return the longest edges (n, 2) as columns of `corners`."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
@@ -157,7 +157,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> PolyhedralMesh:
     outwards = mesh.face_signs[listed] > 0.0
     after, before = n + shared.number[np.where(outwards, (corner, back), (back, corner))]
     node = mesh.face_vertices[corner]
-    # The part at a vertex has a quadrilateral in each adjacent face, and a quadrilateral across each adjacent edge.
+    # The part at a vertex has two quadrilaterals per adjacent face, one in the face and one inside the cell.
     order = np.lexsort((after, cell)).reshape(-1, 2)
     beyond = np.empty_like(face)
     beyond[order] = face[order[:, ::-1]]

@@ -1,4 +1,4 @@
-"""Checks of boxes, numbers of cells, names and cell data."""
+"""Checks of boxes, cell counts, names and cell data."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def check_box(box: Any, dimension: int = 2) -> Box:
 
 
 def check_whole(name: str, value: Any, least: int = 1) -> int:
-    """Return a whole number that is at least ``least``, or raise MeshError."""
+    """Return the value as an int, or raise MeshError."""
     if not is_whole(value) or not least <= value <= 1e100:
         raise MeshError(f"{name} must be a whole number, at least {least}; got {brief(value)}.")
     return int(value)
@@ -123,7 +123,7 @@ def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Fl
 
 WHOLE = "boundary"
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
-"""Dimension -> names of sides at the least and the greatest coordinate, by axis."""
+"""Dimension -> names of the two sides across each axis."""
 T = TypeVar("T")
 
 

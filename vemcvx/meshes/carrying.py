@@ -46,7 +46,7 @@ def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: In
 
 
 def middle_places(places: Ints, ends: Ints) -> Ints:
-    """Return numbers (e,) of midpoints, equal for coinciding midpoints."""
+    """Return the node numbers (e,) of midpoints. Coinciding midpoints share a number."""
     keys = edge_keys(places[ends], len(places))
     return len(places) + find_in(keys, keys)
 

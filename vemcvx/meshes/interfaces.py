@@ -62,7 +62,7 @@ class Interface:
 def check_interfaces(
     interfaces: Mapping[str, Interface] | None, n_nodes: int, dimension: int = 2
 ) -> dict[str, Interface]:
-    """Return checked interfaces."""
+    """Return the interfaces if they are valid, or raise MeshError."""
     found = {}
     wanted = "(k, 2)" if dimension == 2 else "(k, n), n > 2, each row padded with -1"
     for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
@@ -99,7 +99,7 @@ def pad_rows(offsets: Ints, flat: Ints) -> Ints:
 
 
 def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, Ints]:
-    """Return the nodes of coinciding edges or faces on both sides."""
+    """Return the nodes of coinciding edges or faces, for both bodies."""
     offsets, vertices = outlines
     shared = np.bincount(place)[place] > 1
     sides = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
@@ -169,6 +169,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the positions in `outlines` of edges or faces with nodes `side`."""
+    """Return the positions of the edges or faces `side` in `outlines`."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

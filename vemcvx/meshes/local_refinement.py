@@ -4,9 +4,9 @@ A *bend* is a vertex at which the outline of a cell is not straight. A *corner* 
 If a cell has fewer than three corners by this rule, all bends are corners. A *side* is the outline between neighbouring
 corners.
 
-A side is *long* if the cell is a triangle, or if the side has at least `LONG_SIDE` times the diameter of the cell. A
-long side is split at a vertex near the midpoint of the side. If no vertex is near, the edge with the midpoint is
-halved. Short sides stay whole, because Voronoi cells would become thinner and thinner.
+A side is *long* if the cell is a triangle, or if the length is at least `LONG_SIDE` times the cell diameter. A long
+side is split at a vertex near the midpoint of the side. If no vertex is near, the edge around the midpoint is halved.
+Short sides stay whole. Splitting short sides would make Voronoi cells thinner in each refinement.
 
 Split points are joined to the centre of the cell. The three split points of a triangle are joined to each other. A
 convex cell with two split points is cut between the two points. Further cells are split until unsplit cells get at most
@@ -43,7 +43,7 @@ from vemcvx.meshes.polygons import (
 
 CORNER_ANGLE = np.radians(20.0)
 LONG_SIDE = 0.3
-"""Least length of a long side, relative to the cell diameter. Sides of regular decagons have 0.31."""
+"""Least length of a long side, relative to the cell diameter. In a regular decagon, sides have the ratio 0.31."""
 
 
 class Splitting(NamedTuple):
@@ -53,9 +53,9 @@ class Splitting(NamedTuple):
     all_long: Bools  # (n_cells,) True if all sides are long
     convex: Bools  # (n_cells,)
     places: Ints  # (n_cells,) number of split points
-    bend: Bools  # (n_corners,)
-    vertex: Bools  # (n_corners,) True if the vertex is a split point
-    edge: Bools  # (n_corners,) True if the midpoint of the next edge is a split point
+    bend: Bools  # (m,) one flag for each entry of `mesh.vertices`
+    vertex: Bools  # (m,) True if the vertex is a split point
+    edge: Bools  # (m,) True if the midpoint of the next edge is a split point
 
 
 def splitting_of(mesh: PolygonMesh) -> Splitting:
@@ -102,7 +102,7 @@ def _middles(length: Floats, first: Ints, long: Bools) -> tuple[Ints, Ints]:
     """Return the vertices and edges at which long sides are split."""
     side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
     share = length / np.add.reduceat(length, first)[side]
-    end = np.cumsum(share)  # relative lengths are accurate on short sides
+    end = np.cumsum(share)
     begin = end - share
     base = begin[first][side]
     begin, end = begin - base, end - base
@@ -167,7 +167,7 @@ def largest_balls(offsets: Ints, normals: Floats, away: Floats) -> tuple[Floats,
 
 
 def _middles_of_quads(x: Floats) -> Floats:
-    """Return the centres (q, 2) of quadrilaterals, independent of the first vertex."""
+    """Return the centres (q, 2) of quadrilaterals."""
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
     turn = cross(before, after)
@@ -237,7 +237,7 @@ def refine_polygons(mesh: PolygonMesh, marked: Bools) -> PolygonMesh:
 
 
 def _split(marked: Bools, splitting: Splitting, mesh: PolygonMesh, edge: Ints) -> Bools:
-    """Return a mask (n_corners,) of the edges split by marked cells."""
+    """Return a mask (m,) of the edges that marked cells split."""
     split = np.zeros(len(edge), dtype=bool)
     split[edge[splitting.edge & marked[cell_of_corner(mesh.offsets)]]] = True
     return split[edge]

@@ -121,7 +121,7 @@ class Mesh(ABC):
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return the positions of edges or faces in `_boundary`."""
+        """Return positions in `_boundary`."""
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
@@ -345,7 +345,7 @@ class Mesh(ABC):
         """Return the mesh as an object of another library.
 
         :func:`vemcvx.meshes.convert` is the inverse. Meshes of meshio and PyVista keep all names and data. Meshes of
-        scikit-fem keep names of boundaries, and cell data of zeros and ones become subdomains.
+        scikit-fem keep names of boundaries. Cell data of zeros and ones become subdomains.
 
         Returns
         -------

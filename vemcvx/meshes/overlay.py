@@ -1,4 +1,4 @@
-"""Splitting of boundary faces in space, so that touching bodies have equal faces.
+"""Splitting of boundary faces in space, so that faces of touching bodies coincide.
 
 Nearby nodes of several bodies get one position, a *place*. Overlapping boundary faces in one plane form a *patch*. The
 outlines of the faces divide the patch into polygons, which replace the faces. Finally, every place on an edge becomes a
@@ -35,15 +35,15 @@ from vemcvx.meshes.polygons import (
 from vemcvx.meshes.polyhedra import FaceShapes, axes_in_planes, face_shapes, join_faces, list_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
-CORNER_FACTOR = 4.0  # tolerance at corners relative to edges, about 1 / sin(15 degrees)
-COVERAGE_TOLERANCE = 1e-3  # largest relative change of area by splitting a face
+CORNER_FACTOR = 4.0  # ratio of tolerances at corners and at edges, about 1 / sin(15 degrees)
+COVERAGE_TOLERANCE = 1e-3  # largest relative change of the area of a split face
 Rows = tuple[Ints, Ints]  # offsets and entries of rows
 
 
 def overlay_tilings(
     apart: PolyhedralMesh, body: Ints, place: Ints, tolerance: float
 ) -> tuple[PolyhedralMesh, Ints, Ints, Ints]:
-    """Return the mesh with split faces, and bodies, places and old faces."""
+    """Split the boundary faces of touching bodies."""
     faces, points = apart.faces, apart.points[place]
     offsets, nodes, cell_offsets = list_faces(faces)
     of_face, rows = body[nodes[offsets[:-1]]], (offsets, place[nodes])
@@ -101,7 +101,7 @@ def _hang(rows: Rows, sides: Rows, points: Floats, tolerance: float) -> Rows:
 def _split_faces(
     points: Floats, outline: Rows, shapes: FaceShapes, links: Ints, tolerance: float
 ) -> tuple[Floats, Ints, Rows]:
-    """Return points, face numbers of pieces, and pieces, ordered by face."""
+    """Return points, the face of each piece, and the pieces, ordered by face."""
     linked = np.unique(links.ravel())
     if not len(linked):
         return points, linked, (np.zeros(1, dtype=np.int64), linked)

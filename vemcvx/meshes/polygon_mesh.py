@@ -165,7 +165,7 @@ class PolygonMesh(Mesh):
         return extrude(self, heights)
 
     def plot(self, values: ArrayLike | None = None, ax: Axes | None = None, **style: object) -> Axes:
-        """Draw the cells, with the colours of ``values`` if given.
+        """Draw the cells, coloured by ``values``.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
 
 
 def _layer(mesh: PolygonMesh) -> tuple[Ints, Ints, Ints]:
-    """Return offsets, vertices and cells of faces in the first layer."""
+    """Return the faces of the first layer: offsets, vertices and cells."""
     below = mesh.vertices
     after = next_vertex(mesh.offsets, below)
     sides = np.column_stack([below, after, after + mesh.n_nodes, below + mesh.n_nodes])

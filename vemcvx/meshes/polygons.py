@@ -72,7 +72,7 @@ def least_of_each(keys: Ints, values: Floats) -> Ints:
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Return the first rows of groups with equal entries, and group numbers."""
+    """Group rows with the same entries. Return first rows, and the group of each row."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -170,7 +170,7 @@ class SharedEdges:
     """The corners of a mesh, sorted by undirected edge."""
 
     corners: Ints  # (n_corners,) sorted by edge, then by cell
-    first: Ints  # (n_edges,) position in `corners`
+    first: Ints  # (n_edges,) first position of the edge in `corners`
     counts: Ints  # (n_edges,) number of adjacent cells
     outlines: tuple[Ints, Ints]  # offsets and vertices of the cells
 
@@ -201,7 +201,7 @@ def sort_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Return, for each number, the smallest number in the connected component."""
+    """Return, for each number, the smallest number in its connected component."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     return np.unique(label, return_index=True)[1][label]
@@ -247,7 +247,7 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
 
 def find_containing(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j) of points inside closed polygons, sorted by i."""
+    """Return pairs (i, j) with point i in the closed polygon j, sorted by i."""
     import shapely
 
     return tuple(shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects"))
@@ -270,7 +270,7 @@ def triangulate(polygons: NDArray[Any]) -> Triangles:
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return corners (t, 3, 3) and polygons of counter-clockwise triangles."""
+    """Return the corners (t, 3, 3) of triangles, and the polygon around each triangle."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
@@ -307,7 +307,7 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
 
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Return signed areas and centroids of polygons with equal numbers of vertices."""
+    """Return signed areas and centroids of polygons with equally many vertices."""
     c, n, _ = corners.shape
     return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
 
@@ -350,12 +350,12 @@ def triangle_areas(corners: Floats) -> Floats:
 
 def places(corners: Floats, barycentric: Floats) -> Floats:
     """Return the points with given barycentric coordinates in each triangle."""
-    origin = corners[:, :1]  # reduces rounding for distant triangles
+    origin = corners[:, :1]  # reduces rounding far from the origin
     return origin + np.matmul(barycentric, corners - origin)
 
 
 def split_at_vertices(corners: Floats) -> Ints:
-    """Split simple polygons into triangles (c, n - 2, 3) of vertices."""
+    """Split simple polygons into triangles (c, n - 2, 3) along diagonals."""
     c, n, _ = corners.shape
     number = np.tile(np.arange(n), c)  # Shapely keeps the number as a third coordinate
     polygons = outlines(np.column_stack([corners.reshape(-1, 2), number]), np.arange(c + 1) * n, np.arange(c * n))

@@ -45,7 +45,7 @@ class Faces(NamedTuple):
 
 
 def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
-    """Join equal faces of `FaceLists` with outward normals."""
+    """Return the faces of a mesh, from lists of faces with outward normals."""
     first, number = same_rows(offsets, vertices)
     owner, second = cell_of_corner(cell_offsets), np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
@@ -55,7 +55,7 @@ def join_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
 
 
 def list_faces(faces: Faces) -> FaceLists:
-    """List the faces of each cell with outward normals."""
+    """List the faces of each cell, with outward normals."""
     offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
     return FaceLists(offsets, reverse_rows(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
 

@@ -18,7 +18,7 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.several_bodies import join
 
 
-# The type of the mesh depends on the file; with `| Any`, scripts need no cast.
+# The file determines the type of the mesh. With `| Any`, scripts need no cast.
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
@@ -71,7 +71,7 @@ def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None
 
 
 def _on_interfaces(mesh: Any, meshes: Mapping[str, Any], origin: Ints, sides: set[str]) -> dict[str, set[int]]:
-    """Return positions on the boundary of first bodies, by name of sides."""
+    """Return side name -> positions on the boundary, for sides on interfaces."""
     first, start, found = np.arange(len(origin)), 0, dict[str, set[int]]()
     for interface in mesh.interfaces.values():
         first[faces_of(interface.partners, mesh._outlines)] = faces_of(interface.edges, mesh._outlines)

@@ -93,7 +93,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the joined mesh, and old numbers of boundary edges or faces."""
+    """Return the joined mesh, and the number of each boundary side before joining."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)
@@ -177,7 +177,7 @@ def _match_in_plane(
 
 
 def _hanging(mesh: PolygonMesh, body: Ints, place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
-    """Return moved points, nodes (q,), and edges (q,) that get the nodes."""
+    """Return moved points, hanging nodes (q,), and edges (q,) for the hanging nodes."""
     import shapely
 
     points, ends, count = mesh.points[place], mesh._boundary, int(body[-1]) + 1

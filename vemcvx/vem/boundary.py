@@ -63,7 +63,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The ends (e, 2) of sides: a node, and the other node or face."""
+        """The ends (e, 2) of sides: a node, and the other node (in space: the face)."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -91,8 +91,8 @@ def edge_part(
     """Return the part of the boundary with the edges (m, 2), which have cells on the left.
 
     `across` (m, 2) is the coinciding node of another body, or -1. `inside` (m, 2) is True for nodes of a single cell
-    (on interfaces: a single cell of the first body). If the boundary is straight at the node, the node hangs. In bodies
-    of revolution, lengths contain 2 pi r.
+    (on interfaces: a single cell of the first body). If the boundary is straight at a node of a single cell, the
+    node is a hanging node. In bodies of revolution, lengths have the factor 2 pi r.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
@@ -213,7 +213,7 @@ def _curvature(group: FaceGroup) -> Floats:
 # press fit would oscillate at every h (Yang, Laursen, Meng, Int. J. Numer. Meth. Engng 62 (2005)).
 CURVE_ANGLE = float(np.radians(42.5))  # between 40 degrees (regular nonagon) and 45 degrees (octagon, chamfer)
 CURVE_DISTANCE = 2.0 * float(np.sin(0.5 * CURVE_ANGLE))  # largest distance between neighbouring unit normals of a curve
-DIRECTION_TOLERANCE = 1e-2  # largest distance between equal unit vectors (0.57 degrees), for points with four digits
+DIRECTION_TOLERANCE = 1e-2  # unit vectors with a smaller distance (0.57 degrees) count as equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +233,7 @@ class MirrorPlanes:
     projections: Floats
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Return components (m, dim) of vectors, normal to common planes of symmetry."""
+        """Project vectors (m, dim) onto the normals of common planes of symmetry."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
@@ -312,7 +312,7 @@ class SideEnds:
     mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
-        """Return the rows; `matrix` maps g(points) to int g phi_i ds."""
+        """Return the rows. `matrix` maps g(points) to int g phi_i ds."""
         row, order = self._group_ends(), np.argsort(self.nodes, kind="stable")
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
@@ -339,7 +339,7 @@ class SideEnds:
         )
 
     def _weights(self, row: Ints, k: int) -> Floats:
-        """Return the weights (e,) of normals in the means over k rows."""
+        """Return the weights (e,) of side normals in the normals of k rows."""
         longest, most = np.zeros(k), np.zeros(k)
         np.maximum.at(longest, row, self.sizes)
         np.maximum.at(most, row, self.curvature)

@@ -52,7 +52,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     Returns
     -------
     (n_u, n_u) csr_matrix
-        Exactly symmetric, force per length, in the plane for thickness one. Zero entries are stored.
+        The exactly symmetric matrix, force per length. Plane bodies have the thickness 1. Zero entries are stored.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def stiffness_of(space: Space, moduli: Floats, stabilisation: Stabilisation) -> 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
     """Assemble a matrix from blocks (pairs, dim^2) for all vertex pairs (i, j) of cells.
 
-    Pairs are ordered by cell, by i, and by j.
+    Pairs are ordered by cell, then by i, then by j.
     """
     keys = np.concatenate([(group[:, :, None] * n_nodes + group[:, None]).ravel() for group in nodes])
     order = np.argsort(keys, kind="stable")  # entries (i, j) and (j, i) are summed in the same order
@@ -111,7 +111,7 @@ def softest_shear(C: Floats) -> Floats:
 
 
 def mean_shear(C: Floats) -> Floats:
-    """Return harmonic means of deviatoric eigenvalues, or 0 unless all are positive."""
+    """Return harmonic means of deviatoric eigenvalues, or 0 if an eigenvalue is not positive."""
     moduli = _deviatoric_moduli(C)
     positive = moduli[:, 0] > 0
     inverses = 1.0 / np.where(positive[:, None], moduli, 1.0)
@@ -163,7 +163,7 @@ def consistent_blocks(cells: CellGroup, C: Floats) -> Floats:
 
 
 def cell_energies(space: Space, moduli: Floats, stabilisation: Stabilisation, u: Floats) -> Floats:
-    """Return a_K^h(u, u), twice the elastic energies, except in bodies of revolution."""
+    """Return a_K^h(u, u), twice the elastic energies. Bodies of revolution are not allowed."""
     strain = strains(space, u)
     density = np.sum(strain * stresses(moduli, strain), axis=1)
     missed = remainder_energies(space, stabilisation, elastic_matrix(moduli, space.dim), u)
@@ -182,8 +182,8 @@ def strains(space: Space, u: Floats) -> Floats:
     Returns
     -------
     (n_cells, components) array
-        e_xx, e_yy, 2 e_xy in the plane, e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space, and e_rr, e_zz, 2 e_rz and
-        the hoop strain in bodies of revolution.
+        In the plane: e_xx, e_yy, 2 e_xy. In space: e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz. In bodies of revolution:
+        e_rr, e_zz, 2 e_rz, and the hoop strain.
 
     Examples
     --------

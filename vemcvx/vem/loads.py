@@ -26,9 +26,9 @@ from vemcvx.vem.tensors import COMPONENTS
 #
 #     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 #
-# are exact for degree 2. Every convex cell contains all four points (Kannan, Lovasz, Simonovits, Discrete Comput. Geom.
-# 13 (1995)). If a point is not clearly inside, the cell is cut into triangles with three points each. Polyhedra have
-# one point, the centroid.
+# form a rule of degree 2. Every convex cell contains all four points (Kannan, Lovasz, Simonovits, Discrete Comput.
+# Geom. 13 (1995)). If a point is not clearly inside, the cell is cut into triangles with three points each. Polyhedra
+# have one point, the centroid.
 Rule = tuple[Floats, Floats, Ints]
 
 
@@ -69,9 +69,9 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 
 
 def _all_inside(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Return a mask of cells with points clearly left of all edges."""
+    """Return a mask of cells with all points clearly left of all edges."""
     edge = np.roll(corners, -1, axis=1) - corners
-    # "Clearly" means by 1e-6 sqrt(|K|).
+    # The distance from an edge must exceed 1e-6 sqrt(|K|).
     reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     return np.all(left > reach[:, :, None], axis=(1, 2))

@@ -70,7 +70,7 @@ def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matri
 
 
 def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_matrix]:
-    """Return offsets and corners of triangles, and a matrix to corner values."""
+    """Return offsets and corners of triangles, and the matrix of corner values."""
     owner, corners, values = [], [], []
     for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces):
         f, n = group.nodes.shape
@@ -93,7 +93,7 @@ def _triangles(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Floats, sp.csr_
 
 
 def _nearest(arms: Floats) -> tuple[Floats, Floats]:
-    """Return barycentric coordinates of points near the origin, and the distances."""
+    """Return the barycentric coordinates and the distance of a point near the origin."""
     a, b, c = (arms[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     part = np.stack([np.einsum("ki,ki->k", normal, np.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))], axis=1)

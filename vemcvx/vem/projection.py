@@ -142,7 +142,7 @@ def _split_along_diagonals(corners: Floats) -> Ints:
 
 
 CACHED_NUMBERS = 2**16
-"""Number of floats in an array, so that a few arrays fit into the second-level cache."""
+"""Largest number of floats in an array. A few arrays fit into the second-level cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """0 for the radial displacement in bodies of revolution, whose translation causes strains, else 1."""
+    """Factor per component: 0 for the radial component in bodies of revolution, else 1."""
 
     @cached_property
     def corners(self) -> Floats:

@@ -52,7 +52,7 @@ class Space:
 
     @property
     def n_unknowns(self) -> int:
-        """The number n_u = dim * n_nodes of unknowns without supports."""
+        """The number of unknowns without supports, n_u = dim * n_nodes."""
         return self.mesh.points.size
 
     @property
@@ -67,7 +67,7 @@ class Space:
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
-        """The groups of cells with equal numbers of vertices, in ascending order."""
+        """The groups of cells by number of vertices, in ascending order."""
         return cell_groups(self.mesh, self.axisymmetric)
 
     @property
@@ -160,7 +160,7 @@ class Space:
         return self._part(read_only(sides), across)
 
     def both_sides(self, on: str | Sequence[str], subject: str) -> list[Part]:
-        """Return the named part, and the opposite part of interfaces."""
+        """Return the named part, and the opposite part across interfaces."""
         part = self.part(on, subject, contact=True)
         beyond = self.mesh.beyond(part.sides) if self.mesh.interfaces else part.sides[:0]
         return [part, self._part(beyond, None)] if len(beyond) else [part]
@@ -182,7 +182,7 @@ class Space:
         return np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
 
     def _across(self, sides: Ints) -> Ints:
-        """Return the coinciding nodes of second bodies at vertices, or -1."""
+        """Return, for each vertex, the coinciding node of the second body, or -1."""
         mesh = self.mesh
         offsets, vertices = mesh._outlines
         counts, across = np.diff(offsets), np.full(len(vertices), -1)

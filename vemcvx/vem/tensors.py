@@ -1,7 +1,7 @@
 """Symmetric tensors by components: moduli, stresses, tractions, principal and equivalent stresses.
 
-Components have the order xx, yy, xy in the plane, xx, yy, zz, xy, yz, xz in space, and rr, zz, rz, hoop in a body of
-revolution. Shear components of strains are doubled: 2 e_xy.
+In the plane, components have the order xx, yy, xy. In space, the order is xx, yy, zz, xy, yz, xz. In a body of
+revolution, the order is rr, zz, rz, hoop. Shear components of strains are doubled: 2 e_xy.
 
 Moduli are arrays with one column per cell. Arrays with two rows have Lame's constants lam and mu. In plane stress, lam
 is reduced. Arrays with more rows have the upper triangle of the elastic matrix C, row by row: 6 entries in the plane,

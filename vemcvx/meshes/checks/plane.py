@@ -104,7 +104,7 @@ def list_of(given: Any, wanted: str) -> list[Any]:
 
 
 def lay_flat(rows: list[Any], name: Name) -> tuple[Ints, Ints]:
-    """Return offsets and entries of rows of whole numbers, or raise MeshError."""
+    """Return rows of whole numbers as offsets and entries, or raise MeshError."""
     flat, counts = None, np.zeros(len(rows), dtype=np.int64)
     with contextlib.suppress(Exception):  # rows may be of any type
         counts[:] = list(map(len, rows))
@@ -211,13 +211,13 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
 
 
 def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
-    """Return the smallest height of cells, area / diameter."""
+    """Return the smallest cell height, which is area / diameter."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     return float((np.abs(areas) / diameters(points, offsets, vertices)).min())
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return two cells that do not fit, and a nearby point, or None."""
+    """Return None, or two cells that do not fit and a nearby point."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)

@@ -2,8 +2,8 @@
 
 Every edge of a cell must belong to exactly two faces of the cell, and must have opposite directions in both faces. If
 directions are wrong, faces with normals towards the middle of the cell are reversed. Neighbouring cells must share
-whole faces, so boundary faces must not overlap. Overlapping cells are found if the total volume of cells exceeds the
-volume of the convex hull.
+whole faces, so boundary faces must not overlap. Cells overlap if the total volume of cells exceeds the volume of the
+convex hull.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def find_touching_faces(
     shapes: FaceShapes,
     width: float,
     *,
-    body: Ints | None = None,  # body of each face; pairs belong to two bodies
+    body: Ints | None = None,  # body of each face; only pairs from different bodies are returned
     part: float = SINGLE_EPS,  # smallest common area, relative to the smaller face
 ) -> Ints:
     """Return pairs (2, k) of overlapping faces, at most `width` apart."""

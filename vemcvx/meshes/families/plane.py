@@ -1,4 +1,4 @@
-"""Plane meshes on grids, and on circles and rays about a centre."""
+"""Plane meshes of boxes, an L, rings and discs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from vemcvx.meshes.polygons import offsets_of
 def squares(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with equal squares.
+    """Return a mesh of equal squares in a box.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def squares(
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row. Meshes of boxes have the boundaries "left", "right", "bottom", "top" and "boundary".
+        Nodes and cells are numbered row by row. The boundaries are "left", "right", "bottom", "top" and "boundary".
 
     Raises
     ------
@@ -81,7 +81,7 @@ def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> Poly
 def triangles(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with right-angled triangles, two per square.
+    """Return a mesh of right-angled triangles in a box, two per square.
 
     The meshes for n and 2 n are nested.
 
@@ -112,7 +112,7 @@ HEXAGON_WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
 def hexagons(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with stretched hexagons, and with half hexagons and pentagons at the sides.
+    """Return a mesh of stretched hexagons in a box, with half hexagons and pentagons at the sides.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def hexagons(
 def distorted(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with distorted squares.
+    """Return a mesh of distorted squares in a box.
 
     Inner nodes move at random, along each axis by up to a quarter of a cell.
 
@@ -181,7 +181,7 @@ def distorted(
 def hanging(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with squares of two sizes and hanging nodes between them.
+    """Return a mesh of large and small squares in a box, with hanging nodes.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def hanging(
     Returns
     -------
     PolygonMesh
-        Large cells row by row. Four quarters replace a split cell.
+        Large cells are numbered row by row. Four quarters replace a split cell.
 
     Examples
     --------
@@ -205,13 +205,13 @@ def hanging(
 
 
 ZIGZAG = 0.15
-"""Distance of new nodes from old edges in `nonconvex`, in cell widths; below 1/3."""
+"""Distance of new nodes from old edges in `nonconvex`, in cell widths (below 1/3)."""
 
 
 def nonconvex(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of a box with interlocking nonconvex cells of up to twelve vertices.
+    """Return a mesh of interlocking nonconvex cells (up to twelve vertices) in a box.
 
     Parameters
     ----------
@@ -256,14 +256,14 @@ def nonconvex(
 def l_shape(
     n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
 ) -> PolygonMesh:
-    """Return a mesh of an L with equal squares, or rectangles if squares do not fit the box.
+    """Return a mesh of equal squares or rectangles in an L.
 
     Parameters
     ----------
     n : int or (int, int)
         As in `squares`. Odd numbers are rounded up, so that the re-entrant corner is a node.
     box : ((x0, x1), (y0, y1))
-        The rectangle around the L, which lacks the upper right quarter.
+        The rectangle around the L. The upper right quarter is empty.
     seed, size : as in `squares`
 
     Returns
@@ -289,7 +289,7 @@ def l_shape(
 
 
 def ring(radii: ArrayLike, sectors: int, *, angles: tuple[float, float] = (0.0, math.tau)) -> PolygonMesh:
-    """Return a mesh of a ring, a disc or a sector with quadrilaterals between circles and rays.
+    """Return a mesh of quadrilaterals between circles and rays, in a ring, a disc or a sector.
 
     Parameters
     ----------

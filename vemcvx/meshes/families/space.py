@@ -14,7 +14,7 @@ from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 def cubes(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with cubes.
+    """Return a mesh of cubes in a box.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ CUBE_TETRAHEDRA = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 
 def tetrahedra(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with tetrahedra, six per cell of `cubes`.
+    """Return a mesh of tetrahedra in a box, six per cell of `cubes`.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def tetrahedra(
 def prisms(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with upright prisms over the polygons of `voronoi`, in equal layers.
+    """Return a mesh of upright prisms in a box. Each layer has the polygons of `voronoi`.
 
     Parameters
     ----------

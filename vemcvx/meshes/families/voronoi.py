@@ -1,7 +1,7 @@
 """Centroidal Voronoi meshes of a box in the plane and in space.
 
-Seeds near a side of the box are reflected in this side, so that no cell is cut. Lloyd's iteration moves every seed to
-the centroid of the cell. In the plane, short edges are collapsed at the end. All three steps follow PolyMesher
+Seeds near a side of the box are reflected in this side, so that no cell crosses the side. Lloyd's iteration moves every
+seed to the centroid of the cell. In the plane, short edges are collapsed at the end. All three steps follow PolyMesher
 (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012, 309-328).
 
 Seeds lie in a scaled box, in which the mean area of cells (in space: the mean volume) is one.
@@ -58,7 +58,7 @@ def voronoi(
     cells: int | None = None,
     shortest: float = 0.02,
 ) -> PolygonMesh:
-    """Return a mesh of a box with irregular polygons: a centroidal Voronoi mesh.
+    """Return a centroidal Voronoi mesh of a box.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def voronoi(
     cells : int, optional
         Number of cells, instead of n or size.
     shortest : float
-        Largest length of collapsed edges, from 0 to 0.1, in units of the square root of the mean cell area.
+        Length below which edges are collapsed, from 0 to 0.1, relative to sqrt(mean cell area).
 
     Returns
     -------
@@ -100,7 +100,7 @@ def voronoi(
 def voronoi3(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with irregular convex polyhedra of about 14 faces.
+    """Return a mesh of irregular convex polyhedra (about 14 faces) in a box.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def voronoi3(
 def kelvin(
     n: SpaceCount | None = None, box: SpaceCorners = UNIT_CUBE, seed: int = 0, *, size: float | None = None
 ) -> PolyhedralMesh:
-    """Return a mesh of a box with truncated octahedra (Kelvin's foam), cut at the sides of the box.
+    """Return a mesh of truncated octahedra (Kelvin's foam) in a box, cut at the sides of the box.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _solid(points: Floats, faces: Faces, sides: Floats, box: Box) -> PolyhedralM
 
 
 Cells = TypeVar("Cells", tuple[Ints, Ints], Faces)  # polygons as (offsets, vertices), or polyhedra
-MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> reach of mirror images, in cell widths
+MIRROR_DISTANCE = {2: 3.0, 3: 2.0}  # dimension -> width of the reflected strip, in cell widths
 
 
 def _relax(
@@ -169,7 +169,7 @@ def _relax(
     """Return points and Voronoi cells after Lloyd's iteration."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # Few seeds without mirror images may lie on one line.
+        # Without mirror images, few seeds may lie on one line.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
@@ -281,7 +281,7 @@ def _polyhedra(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces
     found, count = Voronoi(sites), len(seeds)
     points, corners = found.vertices, found.ridge_vertices
     first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
-    # Other faces come from rounding at edges of the box.
+    # Leave out faces that rounding makes at edges of the box.
     kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
     kept = kept[np.lexsort((second[kept], first[kept]))]
     offsets = offsets_of(np.array([len(corners[k]) for k in kept]))

@@ -180,7 +180,7 @@ class _Deck:
                 self._name(kind, name, self._places(kind, word, instance, name))
 
     def _places(self, kind: str, word: str, instance: str, name: str) -> list[int]:
-        """Return the nodes or elements of a number or set name."""
+        """Return the positions of nodes or elements with a number or set name."""
         *inside, of = word.strip('"').split(".")
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
@@ -233,7 +233,7 @@ def _real(word: str) -> float:
 
 
 def _rotate(x: Floats, axis: Floats) -> Floats:
-    """Rotate points about `axis`: two points, and an angle in degrees."""
+    """Rotate points. `axis` (7,) has two points and an angle in degrees."""
     along, angle = (axis[3:6] - axis[:3]) / np.linalg.norm(axis[3:6] - axis[:3]), np.radians(axis[6])
     arm = x - axis[:3]
     kept = np.outer(arm @ along, along)

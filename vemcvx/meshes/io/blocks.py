@@ -56,7 +56,7 @@ def cells_of(mesh: Any) -> Grid:
 def take_groups(
     grid: Grid, numbers: Ints, names: Mapping[Group, str], groups: Mapping[Group, Sequence[int]] | None = None
 ) -> None:
-    """Add sets of cells by group numbers, or entity numbers and `groups`."""
+    """Add a set of cells for each physical group."""
     dimension = np.select([np.isin(grid.kinds, SOLIDS), np.isin(grid.kinds, POLYGONS), grid.kinds == "line"], [3, 2, 1])
     first = np.zeros(len(numbers), dtype=np.int64)
     for dim, number in np.unique(np.column_stack([dimension, numbers]), axis=0).tolist():
@@ -73,7 +73,7 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return a mesh of meshio, with the old order of cells in `CELL`."""
+    """Return a mesh of meshio. The cell datum `CELL` has the old order."""
     import meshio
 
     counts = np.diff(grid.offsets)

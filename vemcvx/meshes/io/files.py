@@ -37,7 +37,7 @@ def load(path: str | Path) -> AnyTessellation:
 
 
 def load_bodies(path: str | Path) -> tuple[dict[str, AnyTessellation], set[str]]:
-    """Return the meshes of bodies by name, and names of sides."""
+    """Return name -> mesh of the body, and the names of sides."""
     grid = _read(path)
     with translate_errors(str(path), "holds no valid mesh"):
         if (source := BODIES.get(Path(path).suffix.lower())) is None:

@@ -1,4 +1,4 @@
-"""Grids: meshes as lists of cells with data and named sets of cells, as in files and other libraries.
+"""Grids: lists of cells with data and named sets, as in files and other libraries.
 
 Boundary edges (in space: boundary faces) are cells of a grid, too. A named set of boundary cells becomes a boundary of
 the mesh. Files store the boundary as a cell datum "boundary:<name>". A named set of other cells becomes a cell datum.
@@ -35,7 +35,7 @@ AnyTessellation = PolygonMesh | PolyhedralMesh
 Rows = tuple[Ints, Ints]  # offsets and nodes of rows of different lengths
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
-DIGITS = "0123456789"  # kinds of higher order end with digits, such as "triangle6"
+DIGITS = "0123456789"  # kinds of cells of higher order end with digits, such as "triangle6"
 NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
@@ -47,7 +47,7 @@ SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("we
 
 @dataclass
 class Grid:
-    """Cells and data; the nodes of cell i are ``vertices[offsets[i]:offsets[i + 1]]``."""
+    """Cells and data. Cell i has the nodes ``vertices[offsets[i]:offsets[i + 1]]``."""
 
     points: Floats  # (n, 2) or (n, 3)
     kinds: NDArray[np.str_]  # (k,) kinds of the cells as in meshio: "triangle", "quad", "polygon", "line" ...
@@ -94,7 +94,7 @@ def translate_errors(subject: str, failure: str) -> Iterator[None]:
 
 
 def finish_mesh(subject: str, grid: Grid, *, by_place: bool = True) -> AnyTessellation:
-    """Return the mesh of a grid, with names for straight sides if necessary."""
+    """Return the mesh of a grid. If no side has a name, straight sides get names."""
     with translate_errors(subject, "holds no valid mesh"), quietly() as caught:
         mesh, notes = mesh_of(grid)
     sides = straight_sides(mesh) if by_place and set(mesh.boundaries) == {WHOLE} else {}
@@ -132,7 +132,7 @@ def grid_of(mesh: AnyTessellation, *, polyhedra: bool = False, sides: bool = Tru
 
 
 def polygon_kinds(offsets: Ints) -> NDArray[np.str_]:
-    """Return the kinds of lines and polygons, from numbers of nodes."""
+    """Return the kind of each line or polygon."""
     counts = np.diff(offsets)
     return np.select([counts == 2, counts == 3, counts == 4], ["line", "triangle", "quad"], "polygon")
 

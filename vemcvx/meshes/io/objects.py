@@ -114,7 +114,7 @@ def convert(other: Any) -> AnyTessellation | Any:
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The checked mesh, with the warnings of :func:`read`.
+        The checked mesh.
 
     Raises
     ------

@@ -119,7 +119,7 @@ def _offsets(ends: Ints, room: int, what: str) -> Ints:
 
 
 def _faces(arrays: Mapping[str, Ints], solid: Bools) -> FaceLists:
-    """Return the faces of polyhedra, from old and new versions of VTK."""
+    """Return the faces of polyhedra, in the old or new layout of VTK."""
     if "face_connectivity" in arrays:
         nodes, numbers = arrays["face_connectivity"], arrays["polyhedron_to_faces"]
         offsets = _offsets(arrays["face_offsets"], len(nodes), "faces")
@@ -160,7 +160,7 @@ def _pack_grid(grid: Grid) -> ElementTree.Element:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # A cell has the number of faces, then for each face the number of nodes and the nodes.
+        # A cell begins with the number of faces. A face has the number of nodes, then the nodes.
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]

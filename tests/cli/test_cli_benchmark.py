@@ -117,7 +117,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """Errors are .03 |d*|_K and .02 |d*|_K, with the optimum d* of step 1. Step 2 has the norm 2 |d*|_K."""
+    """Errors are .03 and .02 in steps 1 and 2, and the optima have the norms 1 and 2, in units of |d*|_K."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 

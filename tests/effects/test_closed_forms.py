@@ -139,7 +139,7 @@ def test_clamp_bears_the_weight(body):
 
 
 def test_elastic_foundation(body):
-    """Springs of stiffness k yield by p / k under the pressure p, and by q / k under the shear q."""
+    """A bed of springs shortens by p / k under the pressure p, and shears by q / k under the shear stress q."""
     press = vx.Pressure(lambda x, t: 3 * t, on="top")
     springs = vx.ElasticFoundation(normal=50.0, tangential=20.0, on="bottom")
     held = body.run(body.rollers, press, springs)
@@ -209,7 +209,7 @@ def test_normal_compliance_and_a_gap(body):
 
 
 def test_one_sided_contact_closes_a_gap(body):
-    """The prescribed top closes the gap below the block, squeezes the block, and lifts it off again."""
+    """The top moves down until the block is squeezed. Then the top moves up and lifts the block."""
     way = vx.Tabulated([0.0, 1.0, 2.0, 3.0], [0.0, -0.01, -0.05, 0.02])
     lid = vx.PrescribedDisplacement(way, on="top", direction="normal")
     touch = vx.UnilateralContact(on="bottom", gap=0.03)

@@ -24,7 +24,7 @@ def tightened(x, t):
 
 
 def joint(**of):
-    """Simulate a bolt and a sleeve under a pulled rigid cap. The sleeve is three times as stiff as the bolt."""
+    """Simulate a bolt and a sleeve. A force pulls their rigid cap. The sleeve is three times as stiff as the bolt."""
     mesh = vx.meshes.bodies({**JOINT, "cap": column(0, 5, 3, 4, (1, 1))})
     scene = vx.Scene(
         STEEL,

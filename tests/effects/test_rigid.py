@@ -42,7 +42,7 @@ def test_a_rigid_plate_on_a_bed_of_springs_tilts(point):
 def test_a_rigid_punch_has_the_pressure_of_a_half_plane(n, near):
     """p = P (1 + 2 e x / a^2) / (pi sqrt(a^2 - x^2)) under a punch of half width a, with the force P at x = e.
 
-    The force P / 3 acts on abs(x) < a / 2, and (1/2 + 2 e / (pi a)) P acts on x > 0.
+    The part abs(x) < a / 2 bears P / 3. The part x > 0 bears (1/2 + 2 e / (pi a)) P.
     """
     below, tool = vx.meshes.squares((16 * n, 8 * n), box=((-8, 8), (-8, 0))), ((-1, 1), (0, 1))
     mesh = vx.meshes.bodies({"low": below, "tool": vx.meshes.squares((2 * n, 1), box=tool)})

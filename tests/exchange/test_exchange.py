@@ -1,4 +1,4 @@
-"""Step programs survive files bit for bit, and other software solves the files."""
+"""Step programs are written and read bit for bit, and other software solves them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures in the plane show the numbers of the history, completely and within the page."""
+"""Pictures of plane bodies show all data of the history, and stay within the page."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def loose():
 
 @pytest.fixture(scope="module")
 def rubbed():
-    """A pad pressed on a floor and moved to and fro, one cycle and a quarter."""
+    """A pad that is pressed on a floor and moved to and fro for one and a quarter cycles."""
 
     def plate(x, t):
         return np.tile([0.1 * np.sin(2 * np.pi * t), -0.02], (len(x), 1))
@@ -155,7 +155,7 @@ def test_the_ledger_adds_up(history):
 
 
 def squeeze(sides, mesh):
-    """Push a block between rough walls against a clamp."""
+    """Push a block to the right between rough walls. The right side is clamped."""
     pull = vx.BodyForce(lambda x, t: np.column_stack([8 * t + 0 * x[:, 0], 0 * x[:, 0]]))
     contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=1.0, on=sides)
     return vx.simulate(vx.Scene(STEEL, vx.Clamp(on="right"), pull, *contact), mesh, [0.0, 1.0])

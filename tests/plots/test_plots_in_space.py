@@ -25,7 +25,7 @@ def history():
 
 
 def drag(mesh, sides="bottom", motion=(1.0, 0.0, 0.0)):
-    """Drag a block by the top, with contact on some sides."""
+    """Drag the top of a block that has contact on some sides."""
     moved = vx.PrescribedDisplacement(lambda x, t: t * np.array(motion), on="top")
     contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=1.0, on=sides)
     return vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), moved, *contact), mesh, [0.0, 1.0])

@@ -44,7 +44,7 @@ def test_histories_without_bounds_have_no_bars():
 
 
 def pull(*effects):
-    """Return a scene whose right side moves to and fro."""
+    """Return a scene in which the right side moves to and fro."""
     moved = vx.PrescribedDisplacement(
         lambda x, t: 0.01 * np.sin(2.0 * np.pi * t) + 0.0 * x[:, 0], on="right", direction=(1.0, 0.0)
     )

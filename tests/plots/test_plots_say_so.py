@@ -47,7 +47,7 @@ def stuck():
 
 
 def test_a_colour_bar_that_ends_below_the_largest_stress_is_pointed(stuck):
-    """The bar of stresses ends at the 99 % quantile. The bar of displacements ends at the maximum."""
+    """The colour bar ends at the 99 % quantile for stresses, and at the maximum for displacements."""
     stress = stressed_body(stuck, stress="von_mises").axes[0].collections[0].colorbar
     assert stress.vmax < stuck.von_mises(-1).max()
     assert stress.extend == "max"

@@ -16,12 +16,12 @@ COURSE = {
     "open": (1.0, 0.0),
     "pressed again": (-0.5, 0.0),
 }
-"""Name of an instant -> the stresses yy and xy of the plate without a crack."""
+"""Name of an instant -> the stresses yy and xy in the plate without a crack."""
 AT = {name: row for row, name in enumerate(COURSE)}
 
 
 def gradient(t):
-    """Return the displacement gradient in plane strain under the stresses yy and xy of COURSE, and xx = 0."""
+    """Return the displacement gradient in plane strain for the stresses of COURSE, with the stress xx = 0."""
     yy, xy = list(COURSE.values())[round(t)]
     mu = YOUNG / (2 * (1 + POISSON))
     return np.array([[-POISSON * yy, xy], [0.0, (1 - POISSON) * yy]]) / [[2 * mu, mu], [1.0, 2 * mu]]
@@ -99,7 +99,7 @@ def test_the_opening_of_a_plane_crack_converges_to_griffiths_closed_form():
         found.append(opening(history, "open")[1].max() / exact)
     coarse, fine = np.diff(found)
     assert 1.7 < coarse / fine < 2.5
-    # The boundary at the distance W = 8 a moves as without a crack. The error is at most 2 (a / W)^2.
+    # The boundary at the distance W = 8 a moves as if there were no crack. The error is at most 2 (a / W)^2.
     assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
 
 

@@ -44,7 +44,7 @@ def ledger_rest(history):
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
 def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, touch):
-    """While the block slides, its left side bears the friction g of the floor."""
+    """While the block slides, the support on the left bears the friction g."""
     g, mesh = 1.0, small(family, 4)
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(
@@ -64,7 +64,6 @@ def test_the_support_of_a_dragged_block_bears_its_friction(family, direction, to
     assert np.abs(contact.slip[:, corner[0], 0] - course(TIMES)).max() < 1e-15
     assert np.array_equal(contact.sticking[1:, corner[0]], moves[1:] == 0)
     assert np.abs(contact.bound - g).max() < 1e-12
-    # Work, dissipation and wear include the corner.
     size = history.work.max()
     assert np.abs(ledger_rest(history)).max() < 1e-12 * size
     assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)

@@ -14,7 +14,7 @@ FIELDS += ("closed", "lengths", "friction_lengths")
 
 
 def floor(family, n=5):
-    """Return a square whose floor has the parts west, east and inner."""
+    """Return a square whose bottom has the parts west, east and inner."""
     mesh = small(family, n)
     for name, where in {"west": lambda x: x < 0.5, "east": lambda x: x >= 0.5, "inner": lambda x: x > 0.3}.items():
         mesh = mesh.with_boundary(name, lambda p, where=where: (p[:, 1] < 1e-9) & where(p[:, 0]))

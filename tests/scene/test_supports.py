@@ -1,4 +1,4 @@
-"""Supports hold displacements exactly."""
+"""Displacements at supports are exact."""
 
 import numpy as np
 import pytest

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Only commands import typer.
+# Only commands need typer.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs={"commands": ["app", "main"]})

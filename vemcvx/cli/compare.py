@@ -93,7 +93,7 @@ class Comparison:
 
 
 def judge(system: System, attempts: Sequence[Attempt]) -> Comparison:
-    """Compare all answers with the answer of the smallest certified error."""
+    """Compare all answers with the answer that has the smallest certified error."""
     answers = [(row.label, run) for row, run in attempts if run is not None and _is_answer(run)]
     label, best = min(answers, key=lambda answer: error_bounds(answer[1])[-1], default=(None, None))
     rigorous = bounds_distance(system)
@@ -248,7 +248,7 @@ COLUMNS = {
     "iter.\na step": ("iterations", "d"),
     "total\ns": ("seconds", ".3f"),
 }
-"""Heading -> field of `Row`, and format of numbers or word for False."""
+"""Heading -> field of `Row`, and number format (or the word for False)."""
 
 
 def _cell(value: object, form: str) -> str:

@@ -1,4 +1,4 @@
-"""`vemcvx cost`: sweep a problem, write a table and a picture, and recommend settings for each accuracy."""
+"""`vemcvx cost`: run a problem with many settings, and recommend settings for each accuracy."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Cost:
     solver: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: mainly newton)")] = None
     accuracy: Annotated[str | None, typer.Option(metavar="X,...", help="Accuracies of a step. (default: 1e-8)")] = None
     target: Annotated[str | None, typer.Option(metavar="X,...", help="Target errors of adaptive runs.")] = None
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes at a time.")] = 2
+    workers: Annotated[int, typer.Option(min=1, help="Number of parallel processes.")] = 2
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/cost_<problem>)")] = None
     settings: Settings = NONE
 

@@ -1,4 +1,4 @@
-"""`vemcvx doctor`: the installed packages, and a test of the solvers against a closed form."""
+"""`vemcvx doctor`: list the installed packages, and test the solvers against a closed form."""
 
 from __future__ import annotations
 

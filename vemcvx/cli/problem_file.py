@@ -178,10 +178,10 @@ class Problem:
         return found
 
     def mesh(self, n: int | tuple[int, ...], family: str | None = None, settings: Sequence[str] = ()) -> Mesh:
-        """Return a mesh of a family or file, by default of the function `mesh`."""
+        """Return a mesh from a family, from a file, or by default from the function `mesh`."""
         if family is not None and is_file(family):
             scenes = [one for one, _ in self.stages(settings)] if self.has_stages else [self.scene(settings)]
-            # Scenes of several bodies have names such as "plate.rim" and "plate|pin".
+            # Boundaries of several bodies have names such as "plate.rim" and "plate|pin".
             names = [where(getattr(effect, "on", "")) for scene in scenes for effect in scene.effects]
             return read(family, bodies="physical" if any(sign in name for name in names for sign in ".|") else None)
         if family is not None and family not in (*self.families, self.family):
@@ -287,6 +287,6 @@ def is_file(family: str) -> bool:
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:
-    """Return the name of a mesh file, or of a family with the number n."""
+    """Return the name of a mesh file, or a family name with the number n."""
     name = family or problem.family or "the problem's own"
     return name if is_file(name) else f"{name}, n = {n}"

@@ -60,12 +60,12 @@ class Run:
     resume: Annotated[Path | None, typer.Option(metavar="DIR", help="Continue the run whose --out was DIR.")] = None
     linear: Linear = None
     target: Annotated[float | None, typer.Option(metavar="X", help="Choose mesh and steps for this error.")] = None
-    bound: Annotated[bool, typer.Option("--bound", help="Guarantee bounds on the mesh error of every step.")] = False
+    bound: Annotated[bool, typer.Option("--bound", help="Guaranteed bounds on the mesh error of every step.")] = False
     settings: Annotated[
         list[str], typer.Option("--set", metavar="NAME=VALUE,...", help="A parameter; several values make a study.")
     ] = NONE
     results: Annotated[str | None, typer.Option(metavar="NAME,...", help="Columns of the table of a study.")] = None
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes of a study.")] = 2
+    workers: Annotated[int, typer.Option(min=1, help="Number of parallel processes of a study.")] = 2
 
     def __call__(self) -> None:
         """Simulate a problem, and print the results and how certain they are."""

@@ -71,7 +71,7 @@ def make_linear_solver(name: str | None) -> LinearSolver | None:
 
 
 def serve_ranks(linear: str | None, runs: int = 1) -> bool:
-    """Serve PETSc, and return True, on all ranks above 0."""
+    """Serve PETSc on ranks above 0; return True on these ranks."""
     if linear is None or linear.lower() != "petsc":
         return False
     if runs > 1 and all_ranks().comm.size > 1:

@@ -29,7 +29,7 @@ class Supplied:
     def sentence(self) -> str:
         """The first sentence of the file's docstring."""
         text = " ".join((ast.get_docstring(self._parse()) or "").removeprefix("# ").split())
-        first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # An initial such as J. does not end the sentence.
+        first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # An initial, such as J., does not end a sentence.
         return first.group() if first else text
 
     @property

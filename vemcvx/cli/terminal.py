@@ -54,7 +54,7 @@ def fraction(word: str) -> float:
 
 
 def write_text(path: Path, text: str, option: str) -> None:
-    """Write the file of an option, or raise ProblemError."""
+    """Write the file that an option names, or raise ProblemError."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -63,7 +63,7 @@ def write_text(path: Path, text: str, option: str) -> None:
 
 ShowProgress = Callable[[str, int, int | None], None]
 """A function (doing, finished, total) that shows the progress of a command; `total` is None if unknown."""
-LINE_INTERVAL = 10.0  # Seconds between lines of progress without a terminal.
+LINE_INTERVAL = 10.0  # Seconds between progress lines if there is no terminal.
 
 
 @contextmanager

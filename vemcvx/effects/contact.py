@@ -128,8 +128,8 @@ class UnilateralContact(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, length. The smaller of two gaps at a node counts. For
-        a negative gap (press fit), use ``initial="settled"``, or let the gap fall from zero.
+        Distance to the obstacle along n in the undeformed state, length. The smaller gap holds at nodes with two gaps.
+        For a negative gap (press fit), use ``initial="settled"``, or let the gap fall from zero.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class UnilateralContact(Effect):
 def obstacle(
     space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats, rates: bool = False
 ) -> Contribution:
-    """Return the contribution of an obstacle at rows of nodes and normals."""
+    """Return the contribution of an obstacle."""
     points = space.mesh.points[rows.nodes]
 
     def distance(t: float) -> Floats:
@@ -272,7 +272,7 @@ class TrescaFriction(_Friction):
     """Friction with a given bound g on the tangential stress: |sigma_tau| <= g.
 
     Nodes stick below the bound, and may slip at the bound. By default, friction also acts where one-sided contact is
-    open. Bounds of overlapping parts add up.
+    open. The bounds of overlapping parts are added.
 
     Parameters
     ----------
@@ -337,8 +337,8 @@ def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Call
 class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate is "for the given
-    friction": it holds for the friction bounds of the computed pressure (docs/theory/coulomb.md).
+    The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate holds for
+    the friction bounds of the computed pressure (docs/theory/coulomb.md).
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ def varies(*values: object) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points in cells at which material constants are evaluated. The default is all centroids."""
+    """Points at which material constants are evaluated, by default all centroids."""
 
     mesh: Mesh
     x: Floats | None = None

@@ -78,7 +78,7 @@ class Load:
 
     @cached_property
     def values(self) -> Callable[[float], Floats]:
-        """The function from times to the datum at all points."""
+        """The datum at all points, as a function of time."""
         return drop_tails(lambda t: self.at(self.points, t).ravel(), self.times)
 
     @cached_property
@@ -260,7 +260,7 @@ class Friction(ContactSurface):
 
     @property
     def softening(self) -> Floats:
-        """The largest decrease (m,) of the weights per slip."""
+        """The largest decrease (m,) of the weights per unit of slip."""
         fall = 0.0 if self.law is None else self.law.softening
         return data.read_finite(fall, len(self.nodes), f"{self.subject}: softening")
 
@@ -404,7 +404,7 @@ class Effect(ABC):
 
     @abstractmethod
     def contribute(self, space: Space) -> Contribution:
-        """Return the contribution of this effect on the mesh of `space`. Equal calls return equal arrays."""
+        """Return the contribution of this effect on the mesh of `space`. Repeated calls return equal arrays."""
 
     @property
     def _subject(self) -> str:

@@ -305,7 +305,7 @@ class Rigid(Effect):
     moment : number, in space (3,), or callable f(x, t), optional
         Moment (per unit thickness); in the plane positive anticlockwise.
     motion : sequence of 3, in space 6, optional
-        The translation of the point `at`, length, then the rotation, radians (in space about x, y, z). Each component
+        The translation of the point `at` (length), then the rotation (radians; in space about x, y, z). Each component
         is a number, or f(x, t) with the point x (1, dim), or None if it is free. By default all are free.
 
     Examples
@@ -378,11 +378,11 @@ class Rigid(Effect):
 
 @dataclass(frozen=True)
 class Pretension(Effect):
-    """A bolt that a force tightens across a cut, and that is then locked.
+    """A bolt that is tightened by a given force, and then locked.
 
-    The two sides of the cut are bonded, except for a uniform jump along the mean normal of the cut. The jump is the
-    shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump is constant.
-    `history.force` of this effect is the force across the cut on the first body: tension and shear.
+    The interface `on` cuts the bolt. Both sides of the cut are bonded, except for a uniform jump along the mean normal.
+    The jump is the shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump
+    is constant. `history.force` of this effect is the force across the cut on the first body: tension and shear.
 
     Parameters
     ----------
@@ -505,7 +505,7 @@ class ElasticFoundation(Effect):
             rows, columns = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
             places = rows.ravel(), columns.ravel()
             springs = springs + sp.coo_matrix((blocks.ravel(), places), shape=springs.shape).tocsr()
-        # The products round (i, j) and (j, i) differently.
+        # Rounding makes the products slightly unsymmetric.
         return Contribution(stiffness=sp.csr_matrix(0.5 * (springs + springs.T)))
 
     def describe(self) -> str:

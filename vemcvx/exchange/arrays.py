@@ -75,14 +75,14 @@ def matrix_with_kernel(K: sp.csr_matrix, count: int) -> dict[str, Matrix]:
 
 
 def to_npz(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of an archive by suffix."""
+    """Return the contents of an archive, as {suffix: bytes}."""
     made = io.BytesIO()
     np.savez(made, **_arrays(program))
     return {".npz": made.getvalue()}
 
 
 def sequence_to_npz(programs: Sequence[SolvedProgram]) -> dict[str, bytes]:
-    """Return an archive of successive programs by suffix."""
+    """Return an archive of successive programs, as {suffix: bytes}."""
     each, made = [_arrays(program) for program in programs], io.BytesIO()
     np.savez(made, **{**each[0], **{name: np.stack([arrays[name] for arrays in each]) for name in CHANGING}})
     return {".npz": made.getvalue()}
@@ -132,7 +132,7 @@ def _attach_answer(program: StepProgram, kept: Mapping[str, Any]) -> StepProgram
 
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of each file by suffix: ".mtx" for K, "_B.mtx" for B, and so on."""
+    """Return the files as {suffix: bytes}, with the suffixes ".mtx" for K, "_B.mtx" for B, and so on."""
     made = {}
     for name, part in arrays_of(program).items():
         file = io.BytesIO()

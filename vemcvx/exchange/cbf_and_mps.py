@@ -11,7 +11,7 @@ are soft. CBF, the Conic Benchmark Format (version 1), has one cone per norm ter
 F is the Cholesky factor of K. If a dense K (n, n) has a kernel of k motions, F has n - k rows. Reading gives K = F'F.
 At a solution with the multipliers lam and p, a cone Q has the dual (w_i, -lam_i), and L+ has the dual p.
 
-MPS in free format with a quadratic objective, also called QPS, holds absolute values, bounds and soft limits::
+MPS (free format, quadratic objective; also called QPS) holds programs whose norm terms are absolute values::
 
     minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
@@ -89,7 +89,7 @@ def root(program: StepProgram) -> sp.csr_matrix:
 
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of a CBF file by suffix."""
+    """Return the contents of a CBF file, as {suffix: bytes}."""
     soft = np.flatnonzero(program.operators.compliance)
     A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
@@ -160,7 +160,7 @@ def _names(n: int, m: int, r: int) -> Iterator[list[str]]:
 
 
 def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
-    """Return the contents of an MPS file by suffix."""
+    """Return the contents of an MPS file, as {suffix: bytes}."""
     operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
     if SECOND_ORDER_CONES in operators.features:
         raise ProgramError("MPS has no second-order cones, which this program has; write .cbf, .npz or .mtx.")
@@ -169,7 +169,7 @@ def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
     A, bounds = sp.block_array(blocks), np.concatenate([program.b, -program.b, program.e])
     quadratic = sp.block_diag([sp.triu(sp.csr_matrix(operators.K)), sp.csr_matrix((m, m)), c], format="csr")
     rows, columns = _names(n, m, r)
-    entries = [(j, -1, repr(x)) for j, x in enumerate(np.append(-program.g, program.w).tolist())]  # zeros, too
+    entries = [(j, -1, repr(x)) for j, x in enumerate(np.append(-program.g, program.w).tolist())]  # with zeros
     lines = [f"* {_head(program)}", "NAME vemcvx", "ROWS", " N cost", *(f" L {name}" for name in rows[:-1])]
     lines += ["COLUMNS"]
     lines += [f" {columns[j]} {rows[i]} {x}" for j, i, x in sorted([*entries, *triplets(sp.csr_matrix(A.T))])]

@@ -34,7 +34,7 @@ MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T = -m
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
-    """Return the contents of an FCLIB file by suffix."""
+    """Return the contents of an FCLIB file, as {suffix: bytes}."""
     if find_spec("h5py") is None:
         raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
     if not isinstance(program, SolvedProgram):

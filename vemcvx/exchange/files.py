@@ -1,7 +1,7 @@
-"""Write and read programs in the format of the file's suffix.
+"""Write and read programs. The suffix of a file selects the format.
 
 =======  ============================================================  ==============================================
-Suffix   Format                                                        Programs that it holds
+Suffix   Format                                                        Programs in this format
 =======  ============================================================  ==============================================
 .npz     NumPy's archive, with the certified answer                    all, exactly
 .mtx     Matrix Market, in NAME.mtx, NAME_B.mtx and further files      all, exactly
@@ -78,7 +78,7 @@ FORMATS: dict[str, tuple[Callable[[StepProgram], Files], Callable[[Path], StepPr
 
 
 def encode_program(program: StepProgram, name: str) -> Files:
-    """Return the file contents of a program by ending."""
+    """Return the files of a program, as {ending: contents}."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Pictures are imported when first used.
+# Functions are imported when first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -37,7 +37,7 @@ EQUIVALENT: dict[str, tuple[str, Callable[[dict[str, Floats]], Floats]]] = {
     "min_principal": ("smallest principal stress", lambda on: on["principal_stresses"][:, -1]),
     "mean": ("mean of normal stresses", lambda on: on["principal_stresses"].mean(axis=1)),
 }
-"""Invariant of stress -> words, and a function of the cell fields of a step."""
+"""Stress invariant -> words, and a function of the cell fields of a step."""
 UNSIGNED, NUMBERS = {"shear", "von_mises"}, str.maketrans("xyz", "123")
 FORCES = {"contact": "contact force", "friction": "friction", "none": ""}
 CLOSED = "closed contact bold or hatched"
@@ -52,7 +52,7 @@ def deformed_mesh(
     magnify: float | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the mesh deformed at a stored step.
+    """Draw the deformed mesh at a stored step.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def deformed_mesh(
     Returns
     -------
     matplotlib Figure
-        The colour of a cell is the mean of |u| at the vertices. Arrows and marks are as in `stressed_body` with
+        The colour of a cell shows the mean of |u| at the vertices. Arrows and marks are as in `stressed_body` with
         ``forces="friction"``. All steps have the same scales.
 
     Raises
@@ -135,8 +135,8 @@ def stressed_body(
     Returns
     -------
     matplotlib Figure
-        Arrows are cut at 1.5 times the 90 % quantile of forces. Closed contact is bold, and hatched where magnification
-        separates two bodies. The colour bar has the stresses of at least 99 % of the cells.
+        Long arrows end at 1.5 times the 90 % quantile of forces. Closed contact is bold, and hatched where
+        magnification separates two bodies. The colour bar covers the stresses of at least 99 % of the cells.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def _row(history: Results, step: int | None, stresses: Sequence[Floats]) -> int:
 
 
 def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
-    """Return a colour map, and the stresses at both ends."""
+    """Return a colour map, and the stresses at both ends of the map."""
     low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
     # Stress at corners is unbounded, so the map ends at the 99 % quantile.
     top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0

@@ -48,7 +48,7 @@ class ContactLine:
 
     @property
     def gaps(self) -> Ints:
-        """The nodes before which the line is interrupted."""
+        """The first node after each interruption of the line."""
         return 1 + np.flatnonzero(self.limits[1:, 0] - self.limits[:-1, 1] > SAME * np.abs(self.limits).max())
 
     def interrupt(self, values: Floats) -> tuple[Floats, Floats]:
@@ -79,7 +79,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
     path = contact_path(mesh, contact)
     sides, order = path.sides, path.rows
     length = np.linalg.norm(mesh.points[sides[:, 1]] - mesh.points[sides[:, 0]], axis=1)
-    # Pieces of contact are two cells apart on the line.
+    # Draw separate pieces of contact two cells apart.
     ends = path.s[np.append(np.diff(path.pieces) > 0, True)] + 2 * mesh.h
     arc = path.s + np.append(0.0, np.cumsum(ends))[path.pieces]
     halves = np.zeros((2, mesh.n_nodes))
@@ -108,7 +108,7 @@ def require_contact(history: Results, picture: str) -> Contact:
 def friction_traction(
     history: Results, step: int | None = None, *, ax: Axes | None = None, units: Units | None = None
 ) -> Figure:
-    """Draw the friction traction on the body at a stored step, with the bounds +-g.
+    """Draw the friction traction on the body at a stored step, with the friction bounds +-g.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Faces of contact in space, seen along the mean normal.
 
-In each adjacent face, a node owns the quadrilateral of the node, two midpoints of edges, and the centroid.
+In each adjacent face, a node owns a quadrilateral. Its corners are the node, two midpoints of edges, and the centroid.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ContactFace:
 
 
 def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactFace]:
-    """Return the visible faces of contact by name of the interface, or "obstacles"."""
+    """Return the visible faces of contact, by interface name or "obstacles"."""
     mesh = history.mesh
     if not isinstance(mesh, PolyhedralMesh):
         raise HistoryError("contact_face: this body is plane; friction_traction and stick_slip_map draw its contact.")
@@ -60,7 +60,7 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     if on is not None and on not in known:
         raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
     known = known if on is None else [on]
-    # If the mean normal is short, no view shows the whole face.
+    # If the mean normal is nearly zero, no view shows the whole face.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}
     return {name: _face(history, rows[name], mean) for name, mean in means.items() if np.linalg.norm(mean) >= 0.5}
 
@@ -142,8 +142,8 @@ def contact_face(
     Raises
     ------
     SceneError, HistoryError
-        The body is plane, no face of contact is visible, several faces have one `ax`, the step was not stored, or an
-        argument is invalid.
+        The body is plane, no face of contact is visible, `ax` is given for several faces, the step was not stored, or
+        an argument is invalid.
 
     Examples
     --------

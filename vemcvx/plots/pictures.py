@@ -1,4 +1,4 @@
-"""Pictures of energies and forces over a run, files of pictures, and films."""
+"""Pictures of energies and forces over a run, image files, and films."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def hysteresis_loop(
     ----------
     history, ax, units : as for `friction_traction`
     on : str, optional
-        By default the driven boundary with the longest path. If no support moves, the boundary of the load that
-        changes most.
+        By default the driven boundary with the longest path. If no support moves, the default is the
+        boundary of the load that changes most.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def hysteresis_loop(
         when = instant(history.times[row], units)
         ax.plot(u[row], force[row], mark, color=style.WORK, fillstyle="none", markersize=8, label=when)
     canvas.light_grid(ax)
-    ax.locator_params(axis="x", nbins=6)  # Labels of small motions are long.
+    ax.locator_params(axis="x", nbins=6)  # Labels of small numbers are long.
     canvas.legend_below(ax)
     x = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units)
     y = label(loop.kind, "force", units) + ", per thickness" * _is_plane(history)
@@ -151,7 +151,7 @@ def forces_over_time(history: Results, *, ax: Axes | None = None, units: Units |
     Returns
     -------
     matplotlib Figure
-        The eight largest components of `History.resultants`, without components below 1 % of the largest.
+        The eight largest components of `History.resultants`, without components below 1 % of the largest component.
 
     Raises
     ------
@@ -221,7 +221,7 @@ SUFFIXES = ".png", ".svg", ".pdf"
 
 
 def omissions(history: Results) -> list[str]:
-    """Return sentences on pictures in space that cannot be drawn."""
+    """Return a sentence for each picture in space that cannot be drawn."""
     if _is_plane(history):
         return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)

@@ -1,7 +1,7 @@
 """The common style of all pictures: colours, labels and scales.
 
-Colour-blind readers can tell the colours apart (Okabe and Ito). Areas also differ in grey print. Labels contain names
-of units, or else quantities. Magnifications, colour scales and frames are the same at all steps.
+Colour-blind readers can tell the colours apart (Okabe and Ito). Areas also differ in grey print. Labels contain units
+if these are named, and quantities otherwise. Magnifications and colour scales are the same at all steps.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def amount(value: float, quantity: str, units: Units) -> str:
 
 
 def in_units(product: str, units: Units | None) -> str:
-    """Return a unit of tables, such as "force/length²", in names of units."""
+    """Replace quantities in a unit such as "force/length²" by names of units."""
     return unit(units, WORDS.get(product, product)) if units else product
 
 
@@ -172,7 +172,7 @@ def common_magnification(history: Results, size: float, magnify: float | None, n
     sides = (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else mesh.cell_nodes
     a, b = np.unique(np.sort(corner_edges(*sides), axis=1), axis=0).T
     lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
-    # At least 99 % of the edges stretch by at most half the length.
+    # At least 99 % of the edges stretch by at most half their length.
     strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
     return min(round_down(0.15 * size, largest), round_down(0.5, strain))
 

@@ -33,8 +33,9 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
-# move along the normal. (3) Contact holds the normal, and a support holds the tangent. (4) A support or a moving
-# obstacle drags the node against friction. The module `supports` defines A, H, P and R.
+# move along the normal. (3) Contact prevents normal motion, and a support prevents tangential
+# motion. (4) A support or a moving obstacle drags the node against friction. The module `supports` defines A, H, P, R.
+
 Moving = Callable[[float], Floats]
 """t -> motion of the ground, as vectors or as tangential components"""
 
@@ -43,8 +44,8 @@ class Freedom(NamedTuple):
     """Masks (k,) of contact rows."""
 
     slides: Bools  # the node can slide along the boundary
-    dragged: Bools  # supports hold a tangent, and the slip changes
-    normal_only: Bools  # supports hold all tangents, and the normal is free or held by contact
+    dragged: Bools  # supports prescribe a tangential displacement, and the slip changes
+    normal_only: Bools  # the node cannot slide; its normal motion is free or held by contact
 
 
 def _freedom(
@@ -52,7 +53,7 @@ def _freedom(
 ) -> Freedom:
     reads, per = rows.matrix(tangents, supports.points), tangents.shape[1]
     B = supports.on_free(reads)
-    # B_i has the tangential rows of node i. B_i B_i' is singular if supports hold a tangent.
+    # Node i has the rows B_i of B. B_i B_i' is singular if supports prescribe a tangential displacement.
     parts = [B[axis::per] for axis in range(per)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in parts] for one in parts])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -122,22 +123,22 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
     return held_by_contact & (of_contact == 1), cosine[takes], (row[takes], holds[col[takes]])
 
 
-# Friction rows with the same node, normal and kind (`_kinds`) form one term. Row weights add up to term weights.
+# Friction rows with the same node, normal and kind (`_kinds`) form one term. The weights of these rows are added.
 # The matrix B^ maps nodal displacements to slips. The matrix over free unknowns is B = B^ P.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
     """The norm terms of a posed scene. The first `acting` terms depend on free unknowns."""
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) the matrix B^
-    tangents: Floats  # (m, dim - 1, dim) orthonormal, or in space a given direction and a zero vector
+    tangents: Floats  # (m, dim - 1, dim) orthonormal; the second is zero if a direction is given
     directed: Bools  # (m,) mask of terms along given directions
     frictions: Sequence[Friction]
     gather: sp.csr_matrix  # (m, rows) the matrix that sums rows to terms
     acting: int = 0  # number of terms with free unknowns
     dragged: Bools | None = None  # (m,) as in `Freedom`
-    ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) ground motion along tangents since times[0]
+    ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) tangential ground motion since times[0]
     reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion `ground` as vectors
-    press: sp.csr_matrix | None = None  # (rows, r) the map from forces of limits to forces on friction rows
+    press: sp.csr_matrix | None = None  # (rows, r) the map from normal contact forces to forces on friction rows
 
     def weights(self, t: float) -> Floats:
         """Return the weights (m,) at the instant `t`."""
@@ -323,8 +324,7 @@ def _contact_surface(
     return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
-# Rows of rigid obstacles with the same node and normal form one limit with the least gap. Each row of a compliant
-# obstacle is a separate limit.
+# Rigid obstacles at the same node with the same normal are merged. The merged limit has the least gap.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
     """The limits of a posed scene, one per row."""
@@ -356,7 +356,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
     every = table.merge(first, limit)
     rows = every.normal_rows(points)
     moves = np.diff(supports.on_free(rows).indptr) > 0
-    # Negative gaps of this size are rounding errors of coordinates, and count as zero.
+    # Negative gaps above -rounding are rounding errors of coordinates.
     rounding = 4 * EPS * float(np.abs(points).max())
 
     def select(chosen: Ints) -> Obstacles:
@@ -381,7 +381,7 @@ def _obstacles(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supp
 def _pressures(
     frictions: Sequence[Friction], table: ContactRows, obstacles: Obstacles, supports: Supports
 ) -> sp.csr_matrix | None:
-    """Return the matrix that maps forces of limits to forces on friction rows."""
+    """Return the matrix that maps normal contact forces to forces on friction rows."""
     if all(f.law is None for f in frictions):
         return None
     reads = repeat_by_row(frictions, [f.law is not None and f.law.pressed for f in frictions]).astype(bool)
@@ -416,7 +416,7 @@ def pose_contact(
     supports: Supports,
     times: Sequence[float],
 ) -> tuple[Terms, Obstacles, Surface]:
-    """Return the terms of friction, the limits of obstacles, and the contact nodes."""
+    """Return the friction terms, the limits, and the contact nodes."""
     table = ContactRows.from_parts([*surfaces, *frictions, *stops], supports.points.shape[1])
     start, count = sum(len(s.nodes) for s in surfaces), sum(len(f.nodes) for f in frictions)
     rubbing, drawn = slice(start, start + count), np.zeros(len(table), dtype=bool)

@@ -74,7 +74,7 @@ class PosedScene:
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     obstacles: Obstacles
-    surface: Surface  # contact nodes that the supports do not hold
+    surface: Surface  # contact nodes
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain
     springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A
@@ -84,10 +84,10 @@ class PosedScene:
     laws: tuple[Contribution, ...]  # contributions of materials, without stiffness
     stops: Sequence[Obstacle]  # obstacles of all effects
     causes: Mapping[str, Ints]
-    """Effect numbers of "supports", "frictions" and "obstacles"; -1 for pins."""
+    """The effect number of each support, friction and obstacle; -1 for pins."""
     caused_loads: tuple[tuple[int, Load], ...]  # (effect number, load)
     caused_springs: tuple[tuple[int, sp.csr_matrix], ...]  # (effect number, stiffness of springs)
-    pins: tuple[Support, ...]  # supports without force (scene.rigid)
+    pins: tuple[Support, ...]  # supports that bear no force (scene.rigid)
 
     @cached_property
     def kernel(self) -> Kernel | None:
@@ -108,7 +108,7 @@ class PosedScene:
 
     @cached_property
     def system(self) -> System:
-        """The system in free unknowns, with K = P'A P and the load P'(f - A u_D)."""
+        """The system for the free unknowns y."""
         A, supports, terms = self.A, self.supports, self.terms
         # Rigid motions strain springs and bodies of revolution.
         rigid = self.springs is None and not self.space.axisymmetric
@@ -150,7 +150,7 @@ class PosedScene:
         return f
 
     def at_rest(self, u: Floats) -> Floats:
-        """Return u (n_u,) without the rigid motion of the pins."""
+        """Return u (n_u,) minus a rigid motion, so that the result is zero at the pins."""
         for pins in self.pins:
             values = pins.nodes * self.space.dim + np.argmax(pins.directions, axis=1)
             modes = rigid_modes(self.supports.points - pins.points.mean(axis=0))
@@ -167,7 +167,7 @@ def suppress_scene_warnings() -> Iterator[None]:
 
 
 def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between: Sequence[float] = ()) -> PosedScene:
-    """Return a scene posed on a mesh, without frictions that are zero at all `times`; refuse a body that floats."""
+    """Return a scene posed on a mesh. Floating bodies are refused, and frictions that are always zero are left out."""
     posed = pose_unchecked(scene, mesh, times)
     _ = posed.kernel
     warn_of_free_normals(posed.terms.frictions, posed.supports, posed.obstacles, posed.springs)
@@ -177,7 +177,7 @@ def pose_scene(scene: Scene, mesh: Mesh, times: Sequence[float] = (), *, between
 
 
 def pose_unchecked(scene: Scene, mesh: Mesh, times: Sequence[float]) -> PosedScene:
-    """Return a posed scene without a search for rigid motions of the body."""
+    """Return a scene posed on a mesh. Floating bodies are not refused."""
     space = Space(mesh, axisymmetric=scene.is_axisymmetric)
     parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
@@ -278,7 +278,7 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     K = supports.P.T @ A @ supports.P
-    K = sp.csr_matrix(0.5 * (K + K.T))  # The triple product rounds (i, j) and (j, i) differently.
+    K = sp.csr_matrix(0.5 * (K + K.T))  # Rounding makes the triple product slightly unsymmetric.
     read_only(K.data)  # A System does not copy a read-only matrix.
     return K
 

@@ -1,7 +1,7 @@
 """Floating bodies: the rigid motions that no support resists.
 
 Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The loads f balance if
-R'f = 0. Then A u = f has a solution. *Pins* are supports of k nodal values. They make u unique and bear no force.
+R'f = 0. Then A u = f has a solution. *Pins* hold k nodal values. They make u unique and bear no force.
 Results do not contain the mean rigid motion.
 """
 
@@ -64,9 +64,8 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 # A piece is a set of cells joined along edges, in space along faces. Pieces may share single nodes. R_q c_q is a rigid
 # motion of piece q. The diagonal matrix W has the number of pieces at each node. If a support or a joint connects two
-# nodes, we assume the same number of pieces at both. F is the stiffness of springs. Supports allow the displacements
-# v = P y. The squared distance between
-# the motions R_q c_q and the nearest v is
+# nodes, we assume the same number of pieces at both. F is the stiffness of springs. The displacements v = P y fulfil
+# the supports. The squared distance between the motions R_q c_q and the nearest v is
 #
 #     sum_q |R_q c_q|^2 - |P'W^{-1/2} sum_q R_q c_q|^2.
 #
@@ -89,7 +88,7 @@ def floating_motions(
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)
     bodies = body_names(space.mesh, piece, node)
-    # Rounding errors of coordinates tilt the normals of contact.
+    # Rounding errors of coordinates tilt contact normals.
     rounding = (64 * EPS) * max(1.0, np.abs(points).max() / space.mesh.h)
     modes, names, named = list[Floats](), list[str](), True
     described = list[tuple[Callable[..., str], Floats]]()
@@ -146,7 +145,7 @@ def _refuse_floating(
 
 
 def find_pins(parts: Sequence[Support | ContactSurface], points: Floats) -> tuple[Support, ...]:
-    """Return the pins of a body without supports."""
+    """Return the pins, or () if the body has supports."""
     nodes, partners = pairs_of(parts)
     if (partners < 0).any():
         return ()
@@ -189,14 +188,14 @@ def build_body_frame(space: Space) -> Callable[[Floats], Floats]:
 
 
 def _along_axes(loose: Floats) -> Floats:
-    """Return an orthonormal basis of the range of `loose`, preferably along axes."""
+    """Return an orthonormal basis of range(loose), preferably along axes."""
     preferred = 1.0 - 1e-2 * np.arange(len(loose)) / len(loose)
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     return Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
-    """Return orthonormal combinations that do not strain the springs."""
+    """Return orthonormal combinations of `fields` that do not strain the springs."""
     size = np.abs(fields).max(axis=0)
     energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
     free = rotated[:, energy <= FREE_FRACTION * max(np.abs(springs.data).max(initial=0.0), energy[-1])]

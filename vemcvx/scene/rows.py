@@ -1,8 +1,8 @@
 """Rows of contact: linear functions of displacements u at nodes.
 
-A row at a node i is n . u(i) against an obstacle. Against a *partner* node j on another body, the row is
-n . (u(i) - u(j)). Here n is the outward normal at i, or a tangent. The *jump* is u(i) or u(i) - u(j). The *ends* of a
-row are the contact edges or faces at i. The length of an end is the integral of a nodal basis function.
+A node i touches an obstacle, or a *partner* node j on another body. The *jump* is u(i) at an obstacle, and
+u(i) - u(j) at a partner. The row is n . jump, with the outward normal n at i, or a tangent n. The *ends* of a row are
+the contact edges or faces at i. The length of an end is the integral of the basis function of node i.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def jump_rows(nodes: Ints, partners: Ints, directions: Floats, points: Floats) -
 
 
 def build_summation(group: Ints, count: int) -> sp.csr_matrix:
-    """Return the matrix that adds up rows with equal numbers in `group`."""
+    """Return the matrix that sums the rows of each group."""
     return sp.csr_matrix((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
 
 
@@ -77,7 +77,7 @@ class ContactRows:
     partners: Ints  # partner j of each row, or -1 (m,)
     normals: Floats  # outward unit normals (m, dim)
     ends: sp.csr_matrix  # lengths of ends (m, e)
-    names: Ints  # node i, and the other node (in space the face) or -1 (e, 2)
+    names: Ints  # of each end: node i, and the other node (in space the face) or -1 (e, 2)
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
@@ -105,7 +105,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, values: Ints) -> Ints:
-        """Return the row value of each end, or -1."""
+        """Return the entry of `values` for the row of each end, or -1."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = values[each.row]
         return found
@@ -121,7 +121,7 @@ class ContactRows:
         return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     def find(self, rows: ContactRows) -> Ints:
-        """Return the rows of this table with equal nodes and partners, or -1."""
+        """Return the row of this table for each pair (node, partner) of `rows`, or -1."""
         largest = int(max(self.partners.max(initial=0), rows.partners.max(initial=0)))
         known, wanted = (pair_numbers(table.nodes, table.partners, largest) for table in (self, rows))
         return find_in(known, wanted)
@@ -135,7 +135,7 @@ class ContactRows:
         return self.matrix(self.normals[:, None, :], points)
 
     def merge(self, first: Ints, group: Ints) -> ContactRows:
-        """Return one row per group, with the ends of all rows."""
+        """Return one row per group, with all ends of the group."""
         each, (count, width) = self.ends.tocoo(), (len(first), self.ends.shape[1])
         key, place = np.unique(group[each.row] * width + each.col, return_inverse=True)
         length = np.zeros(len(key))
@@ -177,7 +177,7 @@ def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> lis
     each = np.concatenate([*(one.directions for one in supports), *(part.normals for part in parts)])
     pairs, given = pairs_of(everything), sum(len(one.nodes) for one in supports)
     place, lead = distinct_pairs(*pairs)[1], merge_terms(pairs, each, within=DIRECTION_TOLERANCE)[0]
-    # The coordinate axes at fully held nodes must not turn the normal of an inclined floor.
+    # The coordinate axes at fully held nodes must not turn the normal of an inclined obstacle.
     fully_held = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
     of_those = np.where(np.arange(len(place)) < given, fully_held[place], 0)
     first, group = merge_terms(pairs, each, kinds=of_those, within=DIRECTION_TOLERANCE)

@@ -75,7 +75,7 @@ class InitialStresses:
     material: Material
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
-    matrix: sp.csr_matrix  # (n_u, components * n_cells) the map from stresses of cells to internal nodal forces
+    matrix: sp.csr_matrix  # (n_u, components * n_cells) the map from cell stresses to internal nodal forces
 
     def stress(self, t: float) -> Floats:
         """Return sigma_0 (n_cells, components) at the instant `t`."""

@@ -4,16 +4,16 @@ Supports prescribe A u = g(t), with one row per direction at a node or a pair of
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-with the free unknowns y and the prescribed displacement u_D = H g. Forces f of the rows cause the nodal reactions
-R = A'f. Then f = H'R.
+with the free unknowns y and the prescribed displacement u_D = H g. Each row of A has a support force. These
+forces f cause the nodal reactions R = A'f. Then f = H'R.
 
 The supports of rigid parts and bolts prescribe A u = g(t) + M c. The columns of M are called *patterns*, and the
 *amplitudes* c are unknown. Then u = P y + H g + H M c. An orthonormal basis of range(H M) is appended to P.
 
-Nodes that rows join form a *site*. A single node is also a site. At each site, Gram-Schmidt makes an orthonormal frame
-from four kinds of directions, in this order: prescribed directions, normals of bilateral contact, normals of friction
-and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term then has separate unknowns,
-and a solver can set a slip to exactly zero.
+Nodes connected by rows are one *site*. A single node is also a site. At each site, Gram-Schmidt gives an orthonormal
+frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact, normals of
+friction and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term then has
+separate unknowns, and a solver can set a slip to exactly zero.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Supports:
     H: sp.csr_matrix  # (n_u, s) zero columns for dependent rows
     depends: Bools  # (s,) mask of rows that depend on earlier rows
     reach: Floats  # (s,) distance of each row from the span of earlier rows
-    amplitudes: int = 0  # number of amplitudes, the last free unknowns
+    amplitudes: int = 0  # number of amplitudes, which are the last free unknowns
 
     @cached_property
     def still(self) -> bool:
@@ -61,7 +61,7 @@ class Supports:
 
     @cached_property
     def moved(self) -> Ints:
-        """The ascending numbers of nodal values at nodes that the supports move."""
+        """The indices of nodal values at nodes that the supports move."""
         dim, moving = self.points.shape[1], repeat_by_row(self.given, [s.value is not None for s in self.given])
         nodes = np.unique(self.H[:, np.flatnonzero(moving)].nonzero()[0] // dim)
         return (nodes[:, None] * dim + np.arange(dim)).ravel()
@@ -170,7 +170,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     directions = np.concatenate([points[:0], *(support.directions for support in given)])
     axes = np.concatenate([points[:0], *(part.normals for part in normals)])
     A = jump_rows(*pairs, directions[:, None], points)
-    # At a site of several nodes, tangents follow each normal.
+    # If a site has several nodes, tangents come after each normal.
     N = jump_rows(*across, np.concatenate([axes[:, None], tangents_of(axes)], axis=1), points)
     follow = (np.arange(N.shape[0]) % dim == 0) | np.repeat(np.bincount(site)[site[across[0]]] > 1, dim)
     at_site = np.append(site[pairs[0]], np.repeat(site[across[0]], dim)[follow])
@@ -198,8 +198,8 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
 def _split_sites(
     site: Ints, rows_of_u: sp.csr_matrix, at_site: Ints, count: int, dim: int
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, Ints, Bools, Floats]:
-    """Return P without amplitudes, H, owner, depends and reach."""
-    # `local` numbers the nodal values within sites.
+    """Return P (without amplitudes), H, owner, depends and reach."""
+    # `local` is the index of a nodal value in its site.
     n_nodes = len(site)
     members = np.argsort(site, kind="stable")
     first = np.searchsorted(site[members], np.arange(site.max() + 2))
@@ -226,7 +226,7 @@ def _split_sites(
         one, k = np.nonzero(inverse)
         lifted.append((values[place[one], k], rows[place, row][one], inverse[one, k]))
         place, axis = np.nonzero(np.arange(values.shape[1]) >= np.bincount(place, minlength=len(nodes))[:, None])
-        one, k = np.nonzero(np.abs(frame[place, axis]) > EPS)  # Entries of unit vectors below EPS are rounding.
+        one, k = np.nonzero(np.abs(frame[place, axis]) > EPS)  # Entries below EPS are rounding errors.
         free.append((values[place[one], k], columns + one, frame[place[one], axis[one], k]))
         owner.append(site[nodes[place, 0]])
         columns += len(place)
@@ -278,7 +278,7 @@ def _sites(nodes: Ints, partners: Ints, n_nodes: int) -> Ints:
 
 
 def _group_sites(members: Ints, first: Ints, at_site: Ints, count: int) -> Iterator[tuple[Ints, Ints, int]]:
-    """Yield nodes, rows and the number of prescribed rows, for sites of equal size."""
+    """Yield nodes, rows and the number of prescribed rows, for each kind of site."""
     sites, where = np.unique(at_site, return_inverse=True)
     order = np.argsort(at_site, kind="stable")
     begin, held = np.searchsorted(at_site[order], sites), np.bincount(where[:count], minlength=len(sites))

@@ -7,7 +7,7 @@ In a test file::
     test_my_linear_solver = linear_suite(MyLinearSolver())
     test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver must solve all test problems with features in `accepts`, and refuse all other test problems. An effect is
+A solver must solve all test problems whose features are in `accepts`, and refuse all others. An effect is
 tested in the scene of an EffectSample. pytest is required.
 """
 
@@ -40,7 +40,7 @@ def solver_suite(
     solvers : solver, or mapping of names to solvers
         Solvers, or objects with `solve(program, target)`.
     must_answer : bool
-        True if a missed accuracy fails the test.
+        True: the test fails if a solver misses the accuracy.
 
     Returns
     -------

@@ -50,7 +50,7 @@ class EffectSample:
     beside : tuple of Effect
         The other effects of the scene.
     instead : tuple of Effect
-        The effects in place of `effect`, in the scene without `effect`.
+        The effects that replace `effect` in the scene for comparison.
     data : mapping of names to numbers
         The number of components of every field with data f(x, t) or f(x).
     others : mapping of names to values
@@ -134,7 +134,7 @@ def content(thing: Any, rows: int = 1) -> Any:
     if isinstance(thing, tuple):
         return tuple(content(part, rows) for part in thing)
     if callable(thing):
-        # Functions of friction also take forces and slips (rows,).
+        # Friction functions also take forces and slips (rows,).
         more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
         return tuple(content(thing(t, *more)) for t in TIMES)
     return thing

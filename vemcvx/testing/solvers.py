@@ -44,7 +44,7 @@ class Instance:
     @cached_property
     def system(self) -> System:
         """The system, posed for the instants TIMES."""
-        with suppress_scene_warnings():  # Scenes warn of bodies that only friction holds.
+        with suppress_scene_warnings():  # Scenes warn if only friction holds a body.
             return self.make()
 
     @cached_property
@@ -147,7 +147,7 @@ class Case:
         return march(self.instance.system, TIMES, solver=self.solver, check=False)
 
     def answer(self, request: Request) -> Answer:
-        """Return the answer of the newly prepared solver to a request."""
+        """Prepare the solver anew, and return the answer to a request."""
         prepared = self.solver.prepare(request.program.operators)
         found = prepared.solve(request.program, request.target, request.lam, request.p)
         return read_answer(found, request.program, self.solver.name)

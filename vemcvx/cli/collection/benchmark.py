@@ -65,7 +65,7 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "QOCO": (("abstol", "reltol"), {"max_iters": 10_000}, 0.0),
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
-"""Solver in cvxpy -> names of tolerances, limit of iterations, smallest accepted tolerance."""
+"""Solver in cvxpy -> options for tolerances, options for the iteration limit, and smallest accepted tolerance."""
 PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # name in cvxpy -> different name of the package
 REPEATS, LONG_ENOUGH = 5, 0.1  # largest number of timed calls, and seconds after which no further call begins
 BATCH = 10  # number of instances per process
@@ -364,7 +364,7 @@ def outcome_at(trials: Sequence[Trial], error: float) -> str:
 
 
 def select_common(entries: Entries, instances: Sequence[Row], kind: str, error: float) -> tuple[Entries, list[str]]:
-    """Return the solvers that accept instances of a kind, and the names of common instances."""
+    """Return the solvers that accept instances of a kind, and the names of instances that all of them accept."""
     # The certified error of the optimum must be at most a tenth of `error`.
     names = [one["name"] for one in instances if kind_of(one) == kind and one.get("certified", 0.0) <= 0.1 * error]
     some = {label: own for label, own in entries.items() if any(is_accepted(own, name) for name in names)}

@@ -1,9 +1,9 @@
-"""Read every instance back, solve it by Clarabel, and confirm the certified optimum.
+"""Read every instance, solve it by Clarabel, and confirm the certified optimum.
 
     python confirm.py [FOLDER]
 
-The script needs numpy, scipy and clarabel only. An instance is a program, or a sequence of programs, in the file's
-matrices K, B, D and vectors g, w, b, e, c:
+The script needs numpy, scipy and clarabel only. An instance is a program, or a sequence of programs. A file holds
+the matrices K, B, D and the vectors g, w, b, e, c of programs
 
     minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|  subject to  D d <= e.
 
@@ -69,7 +69,7 @@ class Program:
         return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
 
     def feasible(self, d: Any) -> Any:
-        """Return d clipped to the hard limits, which bound single unknowns."""
+        """Return d clipped to the hard limits, each of which concerns one unknown."""
         d, D = d.copy(), sp.csr_matrix(self.D)
         for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
             d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
@@ -120,7 +120,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return True if Clarabel's answer agrees, and Clarabel's certified error."""
+        """Return whether Clarabel's answer agrees, and the certified error of this answer."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)

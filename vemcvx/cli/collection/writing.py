@@ -1,6 +1,6 @@
 """A collection of programs with certified optima: each program is a step of a run.
 
-A grade names the difficulty of its instances. *easy*: the paper's scene, and scenes with a solution in closed form.
+Each instance has a grade. *easy*: the paper's scene, and scenes with a solution in closed form.
 *sizes*: other meshes of the paper's scene. *bounds*: one-sided contact. *pressure*: friction bounds by Coulomb's law at
 the pressures of the solution. *discs*: friction in space, with one second-order cone per contact node. *bodies*:
 several bodies. *floating*: the stiffness K has a kernel, because only friction and contact hold the bodies. *soft*:
@@ -198,7 +198,7 @@ class Collection:
 
     def __call__(self) -> None:
         """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
-        # Messages on the scenes do not matter here.
+        # Print no messages about scenes.
         with progress_bar("reading") as show, limit_log(0):
             chosen = tuple(one for one in (*INSTANCES, *SEQUENCES) if one.name in CORE or not self.core)
             more = LARGE if self.large else ()
@@ -241,7 +241,7 @@ SIZES = "unknowns", "norm_terms", "block", "limits", "kernel", "steps"
 
 
 def optima(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of instances: sizes, status, and bounds of the minimum."""
+    """Return the table of instances: sizes, status, and bounds on the minimum."""
     cells = []
     for row in rows:
         sizes, optimum = [str(row[name]) for name in SIZES], row.get("optimum", {})
@@ -281,7 +281,7 @@ def _make_programs(instances: Sequence[CollectionInstance]) -> Iterator[tuple[Co
 def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[StepProgram, dict[str, Any]]:
     """Return the program of an instance, and a proof if there is no optimum."""
     if instance.degenerate:
-        # Lower the weights of sticking terms to the norms of multipliers.
+        # Lower the weights of sticking terms to the norms of their multipliers.
         size = np.linalg.norm(program.slip(program.answer.d), axis=1)
         lower = np.where(size <= SAME * size.max(initial=0.0), np.linalg.norm(program.answer.lam, axis=1), program.w)
         return replace(program, w=np.minimum(lower, program.w)), {}
@@ -292,7 +292,7 @@ def _variant(instance: CollectionInstance, program: SolvedProgram) -> tuple[Step
 
 
 def _make_infeasible(program: SolvedProgram) -> tuple[StepProgram, Floats]:
-    """Return the program with a limit that contradicts its first limit, and multipliers as proof.
+    """Return the program with one more limit, which contradicts the first limit, and multipliers as proof.
 
     The sum of the two limits D_1 d <= e_1 and -D_1 d <= -e_1 - overlap is 0 <= -overlap.
     """

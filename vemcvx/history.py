@@ -1,6 +1,6 @@
 """The results of a simulation, with a summary, tables and files.
 
-Stresses are positive in tension, contact pressures in compression. Forces of friction and reactions act on the body.
+Stresses are positive in tension, contact pressures in compression. Friction forces and reactions act on the body.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class History(Results, Outlined):
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", "total" (the sum), "target" (requested).
     bound : dict or None
-        With ``simulate(..., bound=True)``: "lower" and "upper" bound the mesh error that one step adds, in the energy
-        norm (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
+        With ``simulate(..., bound=True)``: "lower" and "upper" are bounds on the mesh error that one step adds, in
+        the energy norm (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
         "upper" / (largest energy norm). "reading": the estimated part of "upper". "kind": as in `ErrorBound`.
     energy_bounds : (N + 1, 2) or None
         With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
@@ -103,7 +103,7 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point of the plane (of the line in a plane body), and a normal, which points ahead.
+            A point of the plane (in a plane body, of the line), and a normal, which points to the part ahead.
         on : str or sequence of str, optional
             Names of cell data, such as names of bodies. Only cells with a nonzero datum are included.
 
@@ -154,9 +154,9 @@ class History(Results, Outlined):
         ----------
         name : {"steps", "contact"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
-            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of contact and
-            the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are separate columns,
-            such as "slip_x".
+            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of the boundary
+            and the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are separate
+            columns, such as "slip_x".
 
         Raises
         ------
@@ -197,7 +197,7 @@ class History(Results, Outlined):
         return next(programs_of_steps(self, [n], condense))
 
     def outline(self) -> Outline:
-        """Return the summary for prompts and notebooks."""
+        """Return the summary that Python and Jupyter display."""
         return in_words(self)
 
     def summary(self) -> str:

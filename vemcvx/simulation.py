@@ -76,10 +76,10 @@ def simulate(
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
         The displacement at times[0]. None is zero. "equilibrium" is the solution of a(u_0, .) = l(0), without friction.
         "settled" is the result of one step from zero. :func:`vemcvx.projected` gives the projection P^h u_0. A history
-        is continued on the same mesh, with the slip, wear, work and dissipation so far.
+        is continued on the same mesh. Slip, wear, work and dissipation add up.
     store : "all", "last", int n or sequence of int
-        The steps to store besides the last: all, none ("last"), every n-th, or the given steps. Stored steps are
-        certified on all unknowns, other steps on the unknowns of contact and friction.
+        The steps to store: all, only the last, every n-th, or the given steps. The last step is always stored. Stored
+        steps are certified on all unknowns, other steps on the unknowns of contact and friction.
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
@@ -171,7 +171,7 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 
 
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
-    """Return `times` together with the instants inside steps at which data bend, turn or jump.
+    """Return `times`, and all instants inside steps at which data have a kink, an extremum or a jump.
 
     Backward Euler misses the extreme value of a load that reverses inside a step. Data are sampled at least 256 times
     per run, and in the middle of each step.
@@ -278,15 +278,15 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
     P^h is defined in (2.11) and (3.26) of the paper. A step at times[0] leads from P^h u_0 to the initial state, which
-    obeys (2.1) on the mesh. If this step is large, a warning says that u_0 violates (2.1), or that h is too large.
+    obeys (2.1) on the mesh. If this step is large, a warning says that u_0 violates (2.1) or the mesh is coarse.
 
     Parameters
     ----------
     displacement : callable f(x, t) -> (m, dim)
-        The vectors u_0 at points x (m, dim), for t = times[0], in agreement with all supports.
+        The vectors u_0 at points x (m, dim) for t = times[0]. They must agree with all supports.
     settle : bool
         False: omit this step, as Theorem 3.10 allows, and begin at P^h u_0. The certificate of the initial state is
-        then the relative energy norm of this step. Scenes with Viscosity always begin at P^h u_0.
+        then the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------
@@ -315,7 +315,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
 
 
 def begins(initial: object) -> str:
-    """Return the word for an initial state in `vemcvx.History.begins`."""
+    """Return the value of `vemcvx.History.begins` for an initial state."""
     if isinstance(initial, Results):
         return "continued"
     word = initial if isinstance(initial, str) and initial in ("equilibrium", "settled") else "given"
@@ -323,7 +323,7 @@ def begins(initial: object) -> str:
 
 
 def free_unknowns(initial: ArrayLike | str | Projected | Results | None, posed: PosedScene, times: Floats) -> Beginning:
-    """Return an initial state as the argument `initial` of `march`."""
+    """Convert an initial state into the argument `initial` of `march`."""
     if isinstance(initial, Results):
         return _continue(initial, posed, times)
     if isinstance(initial, str):
@@ -371,7 +371,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # Motions at t may be zero up to rounding: compare with the largest motion.
+    # Compare with the largest motion, because motions at t may vanish.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]

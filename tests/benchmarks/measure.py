@@ -49,7 +49,7 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 
 def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
-    """Run programs in turn in new processes, and return the medians of printed numbers."""
+    """Run programs in turn in new processes, and return the medians of the numbers that they print."""
     found: dict[str, list[dict]] = {name: [] for name in codes}
     for _ in range(repeats):
         for name, code in codes.items():

@@ -1,15 +1,14 @@
-"""Solution times for Coulomb's law against Siconos on the same matrices, printed if the answers agree.
+"""Solution times of vemcvx and Siconos for Coulomb's law on the same matrices.
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--steps 4] [--python /usr/bin/python3]
 
 A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. The mesh has n x n x n/4 cubes of
 six tetrahedra. The top of the block moves down, tilts and moves sideways. Times are CPU seconds.
 
-Siconos (Debian: python3-siconos) solves a step in the form of FCLIB. Contact forces r in Coulomb's cones cause the
-relative displacements u = W r + q, with the flexibility W and the displacements q without contact. Nonsmooth
-Gauss-Seidel (NSGS) starts from the forces of the previous step and stops at 1e-8. Our solver receives the condensed
-program. Times are medians over steps, without the computation of W and of the condensed matrix. Our median leaves out
-the first step.
+Siconos (Debian: python3-siconos) computes contact forces r in Coulomb's cones and relative displacements u = W r + q,
+with the flexibility W and the displacements q without contact. Nonsmooth Gauss-Seidel (NSGS) starts from the forces of
+the previous step and stops at 1e-8. Our solver receives the condensed program. Times are medians over steps, without
+the computation of W and of the condensed matrix. Our median leaves out the first step.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ TOUCHING = {"some": [3, 20, 7, 15], "none": [], "all": list(range(24)), "one bod
 @pytest.mark.parametrize("touching", TOUCHING)
 @mostly_long("shapes", [1, 3, 9], 0, 2)
 def test_states_energies_and_work_agree_with_dense_algebra(touching, shapes, linear):
-    """The loads combine 1, 3 or 9 shapes. A condensed run stores at most six shapes."""
+    """The loads are combinations of 1, 3 or 9 vectors. A condensed run stores at most six vectors."""
     rng = np.random.default_rng(0)
     A = np.where(rng.random((24, 24)) < 0.15, rng.random((24, 24)), 0.0)
     K = A @ A.T + np.eye(24)

@@ -1,4 +1,4 @@
-"""Relative errors of states without energy, and under extreme units and loads."""
+"""Relative errors of states without energy, and for extreme units and loads."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ KINDS = "Tresca", "contact", "Coulomb", "viscous"
 
 
 def make_pulled_block(kind, force=1.0, stiffness=1.0):
-    """Return a block whose loads and bounds are proportional to `force`, and gaps to `force / stiffness`."""
+    """Return a block. Loads and friction bounds grow with `force`, and the gap grows with `force / stiffness`."""
     gap = 0.1 * force / stiffness
     rough = vx.BilateralContact("bottom"), vx.TrescaFriction(0.3 * force, "bottom")
     contact = {
@@ -60,7 +60,7 @@ def make_pulled_block(kind, force=1.0, stiffness=1.0):
 @mostly_long("a, b", [(37, -91), (-390, 0), (390, 0), (0, 300), (0, -300), (-200, 150)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_units_change_answers_by_rounding_only(kind, a, b):
-    """If 2^a multiplies loads and 2^b the stiffness, displacements change by 2^(a - b) and energies by 2^(2a - b)."""
+    """Loads grow by the factor 2^a, stiffnesses by 2^b, displacements by 2^(a - b), and energies by 2^(2a - b)."""
     mesh, times = small("voronoi", 3), [0.0, 0.4, 1.0]
     plain = vx.simulate(make_pulled_block(kind), mesh, times)
     history = vx.simulate(make_pulled_block(kind, 2.0**a, 2.0**b), mesh, times)
@@ -79,7 +79,7 @@ def test_loads_whose_energy_overflows_or_underflows_are_refused(force, kind):
 
 
 def make_held_block(force):
-    """Return a block on a rough floor under the traction `force(t)`."""
+    """Return a block on a rough floor, pulled by the traction `force(t)`."""
     return vx.Scene(
         vx.Elasticity(1.0, 0.3),
         vx.Clamp(on="right"),

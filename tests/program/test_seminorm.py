@@ -47,7 +47,7 @@ def test_too_much_load_is_refused_with_the_missing_force():
 
 
 def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
-    """A spring of stiffness 10 joins blocks with the bounds 1 and 2. The load pulls the first block."""
+    """A spring of stiffness 10 joins blocks with the friction bounds 1 and 2. The load pulls the first block."""
     K = 10.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     kernel = Kernel(np.ones((2, 1)), ("sliding together",))
     system = vx.System(K, lambda t: [2.5 * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)

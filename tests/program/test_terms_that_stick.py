@@ -15,7 +15,7 @@ def test_terms_of_infinite_weight_always_stick(block):
     K, g, b = root @ root.T + np.eye(n), 3.0 * rng.normal(size=n), 0.1 * rng.normal(size=m * block)
     w, e, fixed = np.array([0.3, np.inf, 0.1]), np.array([0.05, 0.2]), np.repeat([False, True, False], block)
     program = vx.StepProgram(vx.Operators(K, B, block, D=D), g, w, b, e)
-    # Let d = d_0 + Z y with B_1 d_0 = b_1 and B_1 Z = 0. The program for y has no term 1.
+    # Let d = d_0 + Z y with B_1 d_0 = b_1 and B_1 Z = 0. The program for y omits term 1.
     start, Z = np.linalg.pinv(B[fixed]) @ b[fixed], null_space(B[fixed])
     operators = vx.Operators(Z.T @ K @ Z, B[~fixed] @ Z, block, D=D @ Z)
     reduced = vx.StepProgram(operators, Z.T @ (g - K @ start), w[[0, 2]], b[~fixed] - B[~fixed] @ start, e - D @ start)

@@ -25,7 +25,7 @@ OWN = {
     "Direct": vx.Direct(),
     "ThroughCvxpy": vx.ThroughCvxpy("CLARABEL", accuracy=1e-3),
 }
-"""Solvers that must answer."""
+"""Solvers that must answer every program they accept."""
 OTHERS = {*cvxpy.installed_solvers()} - {"CLARABEL", "OSQP", "PROXQP"}  # the last digits of PROXQP vary
 FOUND = {name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in sorted(OTHERS)}
 FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
@@ -67,7 +67,7 @@ def test_instances_of_the_suite_have_every_feature_and_stick_and_slip():
             assert history.sticking[1:].any()
             assert not history.sticking[1:].all()
         if BOUNDS in instance.features:
-            # Limits become active and inactive.
+            # The limits become active and inactive.
             assert history.pressures.any()
             assert not history.pressures.all()
 

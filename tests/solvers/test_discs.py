@@ -1,4 +1,4 @@
-"""Newton's method with friction discs."""
+"""Newton's method for friction forces in discs."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def draw_program(seed, kind):
 
     "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen orders. "none": a third
     of the weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns.
-    "edge": slips are 1e-14 to 1e-3, or zero with multipliers on the bounds.
+    "edge": slips are 1e-14 to 1e-3, or zero with |lam_i| = w_i.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     m = int(rng.integers(1, 14))
@@ -102,7 +102,7 @@ def test_osqp_refuses_discs():
 
 @mostly_long("coefficient", [0.1, 0.6, 1.5], 1)
 def test_newton_solves_coulombs_law_on_discs(coefficient):
-    """Friction reaches the bound where discs slip."""
+    """Friction reaches the bound at slipping nodes."""
     history = vx.march(make_system("Coulomb, rotating", 4, coefficient=coefficient), TIMES)
     assert history.certificate_kind == "for the given friction"
     assert history.iterations.max() <= 20

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider with the pressure p = 1 + .9 u and, in slip, the displacement u = 3.5 - w(p) at t = 1."""
+    """Return a slider with the pressure p = 1 + .9 u. A slipping slider has u = 3.5 - w(p) at t = 1."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)
@@ -45,7 +45,7 @@ def test_a_user_defined_law_needs_no_slope(accuracy):
 
 
 def resting(push=0.29, mu=0.3, young=200.0, press=1.0):
-    """Return the scene of a block that is pressed and pushed on a floor, without supports."""
+    """Return the scene of a block without supports that is pressed and pushed on a floor."""
 
     return vx.Scene(
         vx.Elasticity(young, 0.3),

@@ -1,4 +1,4 @@
-"""`vx.instants` finds the instants at which data turn or bend."""
+"""`vx.instants` finds extrema and kinks of data in time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Friction with a given bound on one-sided contact."""
+"""Friction with a given bound, on boundaries with one-sided contact."""
 
 import warnings
 

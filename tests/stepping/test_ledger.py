@@ -110,7 +110,7 @@ def test_the_ledger_closes_while_obstacles_move(family, floor):
     rest = np.append(0.0, np.cumsum(rest)) - spring
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
     size = np.abs(history.work).max() + history.energy.max()
-    # Residual forces of inexact answers do work. The certified error bounds the work.
+    # The certified error limits the work of residual forces.
     slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
     assert slack <= 1e-7 * size
     assert np.abs(remainder - rest).max() < 1e-12 * size + slack

@@ -1,4 +1,4 @@
-"""Backward Euler: stored steps, initial states, and steps without work."""
+"""Backward Euler: stored steps, initial states, and steps under an unchanged load."""
 
 import numpy as np
 import pytest

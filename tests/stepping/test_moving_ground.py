@@ -17,7 +17,7 @@ ROUNDED = 1e-12
 
 
 def run(t):
-    """Return the displacement of the ground, which does not begin at zero and reverses."""
+    """Return the displacement of the ground, which reverses and does not begin at zero."""
     return 0.02 + 0.03 * np.sin(4 * t)
 
 

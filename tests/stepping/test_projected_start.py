@@ -22,7 +22,7 @@ def linear(x, t):
 
 @mostly_long("family", [*PLANE, *vx.meshes.SPACE_FAMILIES], "voronoi", "hanging", "tetrahedra", "prisms")
 def test_linear_displacements_are_kept(family):
-    """For linear u_0 and loads in balance, P^h u_0 = u_0, and nothing moves."""
+    """If u_0 is linear and in equilibrium with the loads, P^h u_0 = u_0, and nothing moves."""
     mesh = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}[family](2)
     dim = mesh.points.shape[1]
     scene = vx.Scene(STEEL, vx.PrescribedDisplacement(lambda x, t: linear(x, 0.0), on="boundary"))

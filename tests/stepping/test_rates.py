@@ -1,4 +1,4 @@
-"""Laws of slip rates, and contact in velocities."""
+"""Friction laws of slip rates, and limits on velocities."""
 
 import warnings
 

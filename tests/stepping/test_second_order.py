@@ -1,4 +1,4 @@
-"""Work and friction work of second order in the step length."""
+"""Work and friction work are accurate to second order in the step length."""
 
 import numpy as np
 import pytest

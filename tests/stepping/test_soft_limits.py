@@ -1,4 +1,4 @@
-"""Soft contact beside weak springs: the stiffness matrix is nearly singular."""
+"""Only soft contact and weak springs hold the body, so the stiffness matrix is nearly singular."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def settled(scene, mesh, **options):
 @mostly_long("linear", LINEAR, ids=str)
 @mostly_long("k", [1e-2, 1e-4, 1e-6], 2)
 def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
-    """With springs of 1e-8 E, rounding once caused an error of 40 times the energy norm of the solution."""
+    """With springs of stiffness 1e-8 E, rounding once caused an error of 40 times the energy norm of the solution."""
     scene, mesh = pressed(k, push=0.0), squares(8)
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8

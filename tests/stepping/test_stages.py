@@ -101,7 +101,7 @@ def test_joined_stages_follow_the_closed_form(tmp_path):
     assert both.work_second_order[begun:] == pytest.approx(energy + lost, rel=1e-8)
     pulls = both.reaction("top")
     assert pulls[begun:, 0] == pytest.approx(pressed.MU * gamma * pressed.LENGTH, abs=1e-7)
-    loop = loop_of(both)  # force over displacement of the moved top
+    loop = loop_of(both)  # force against displacement of the top
     assert (loop.on, loop.axis) == ("top", 0)
     assert np.array_equal(loop.force, pulls[:, 0])
     contact = both.contact

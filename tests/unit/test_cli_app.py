@@ -1,4 +1,4 @@
-"""The live page shows numbers and pictures of a simulation, alone and in a browser."""
+"""The live page shows numbers and pictures of a simulation, with and without a browser."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_a_failing_cell_and_a_server_that_stops_are_errors(tmp_path, monkeypatch
 
 @pytest.fixture
 def address(tmp_path):
-    """Yield the address of a page on a server in a new process."""
+    """Start a server in a new process, and yield the address of the page."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]

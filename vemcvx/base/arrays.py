@@ -66,12 +66,12 @@ def onto_discs(lam: Floats, w: Floats) -> Floats:
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
-    """Return the sums (count,) of weights with equal numbers."""
+    """Return a vector (count,) with the `weights` added at the indices `numbers`."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def sum_columns(values: Floats, numbers: Ints, count: int) -> Floats:
-    """Return the sums (S, count, ...) of columns with equal numbers."""
+    """Return an array (S, count, ...) with the columns of `values` added at the indices `numbers`."""
     total = np.zeros((len(values), count, *values.shape[2:]))
     np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
     return total
@@ -117,7 +117,7 @@ def scatter(values: Floats, rows: Ints, n: int) -> Floats:
 
 
 def drop_tails(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """Return `value` with negligible results set to zero."""
+    """Return a function that sets negligible results of `value` to zero."""
 
     @cache
     def largest() -> float:
@@ -155,7 +155,7 @@ def shape_in_words(array: Floats) -> str:
 
 
 class ArrayField(NamedTuple):
-    """The axes of an array by name, the kind (a letter of NumPy), and the unit."""
+    """The axis names of an array, the kind (a letter of NumPy), and the unit."""
 
     sizes: tuple[str, ...]
     kind: str
@@ -163,7 +163,7 @@ class ArrayField(NamedTuple):
 
 
 def array_fields(record: type) -> dict[str, ArrayField]:
-    """Return an ArrayField for each array field of a record, by name.
+    """Return the ArrayField of each array field of a record, by name.
 
     Sizes and units come from annotations such as ``stress: Annotated[Floats, "S cells 3", "force/length2"]``.
     """
@@ -223,14 +223,14 @@ def choice(raw: Any, subject: str, name: str, words: Sequence[str], error: type[
 
 
 def instance(raw: Any, kinds: type | tuple[type, ...], found: str, wanted: str) -> Any:
-    """Return `raw`, None or an instance of `kinds`, or raise SceneError."""
+    """Return `raw` if it is None or an instance of `kinds`, or raise SceneError."""
     if raw is not None and not isinstance(raw, kinds):
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
     return raw
 
 
 def function(raw: Any, found: str, wanted: str) -> Any:
-    """Return `raw`, None or a function, or raise SceneError."""
+    """Return `raw` if it is None or a function, or raise SceneError."""
     return instance(raw, Callable, found, wanted)  # type: ignore[arg-type]
 
 

@@ -108,7 +108,7 @@ def legend_below(ax: Axes) -> None:
 
 def legend_under(ax: Axes, columns: int = 3) -> None:
     """Draw the legend below the axes."""
-    # 4.5 font sizes leave room for tick labels and axis labels.
+    # Tick labels and axis labels need a distance of 4.5 font sizes.
     drawn = ax.legend(frameon=False, fontsize="small", ncols=columns, loc="upper center", borderaxespad=4.5)
     drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
 
@@ -224,6 +224,6 @@ def bar_beside(ax: Axes, cells: Collection, extend: PointedEnds = "neither") -> 
     """Draw and return a colour bar as high as the axes."""
     from matplotlib.ticker import MaxNLocator
 
-    # On flat bodies, the labels of more ticks would overlap.
+    # Beside flat bodies, five tick labels would overlap.
     ticks = MaxNLocator(2 if 3 * np.ptp(ax.get_ylim()) <= np.ptp(ax.get_xlim()) else 5)
     return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=ticks, extend=extend)

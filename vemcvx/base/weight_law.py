@@ -26,8 +26,8 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    In an effect, p has m entries, one per weight. In a system, p has the forces (r,) of all limits, and there is one
-    weight per norm term.
+    In an effect, p has m entries, one per weight. In a :class:`vemcvx.System`, p has the forces (r,) of all limits, and
+    each norm term has one weight.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Law:
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
         The derivative dw/dp; at kinks, the derivative towards larger p. Omit `slope` if weights depend on `slip`.
     slips : bool
-        True if weights depend on `past` or `slip`. If False, `past` and `slip` are empty in effects, zero in systems.
+        True if weights depend on `past` or `slip`. Else both are empty in effects, and zero in systems.
     rates : bool
         True if `slip` is the slip rate, zero at the initial instant; `softening` is then per unit slip rate.
 

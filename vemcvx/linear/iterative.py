@@ -32,8 +32,8 @@ ADVICE = "It suits compressible materials (poisson < 0.49) and cells of good sha
 class Iterative(LinearSolver):
     """Multigrid of PyAMG (extra ``multigrid``), for meshes too large to factorise.
 
-    Use `Iterative` for large bodies with few contacts. Every unknown of contact and friction costs one solve before the
-    first step. `Iterative` does not accept bodies that only friction and contact hold.
+    Use `Iterative` for large bodies with few contact nodes. Every unknown of contact and friction costs one solve
+    before the first step. `Iterative` does not accept bodies that only friction and contact hold.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
     Let xi be the smallest Ritz value after k steps from a random direction. All eigenvalues are at least
     1 - (1 - xi) / (1 - eps), except with a probability below p = 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and
     Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). The root of the condition number of M multiplies p,
-    because our direction is random in the Euclidean inner product. We take 1e8 for the root, and eps with 1e8 p = 1e-9.
+    because our direction is random in the Euclidean inner product. We set this root to 1e8, and 1e8 p to 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

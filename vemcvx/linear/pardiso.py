@@ -1,8 +1,8 @@
 """oneMKL's PARDISO: the Cholesky factorisation K = L L', through the package py-mkl-pardiso (extra ``mkl``).
 
-PARDISO's array `perm` marks m unknowns c. With the setting iparm[35] = 2, phase 12 factorises K and computes the Schur
-complement S of c. The solution array then begins with the m^2 entries of S. Phase 33 solves K x = b. Phase 333 solves
-L'x = b, but keeps x_c = b_c.
+PARDISO's array `perm` selects m unknowns c. With the setting iparm[35] = 2, phase 12 factorises K and computes the
+Schur complement S of c. The solution array then begins with the m^2 entries of S. Phase 33 solves K x = b. Phase 333
+solves L'x = b, but keeps x_c = b_c.
 
 We use the private class _PardisoSolver, because the public class factorises before `perm` can be set. The setting
 iparm[36] is off, because blocks of more than 256 rows with the same pattern crash the process.
@@ -92,7 +92,7 @@ class PardisoFactor(Factor):
         if info > 0:
             raise singular_matrix_error()
         self.schur: Floats = self.unit * S
-        # K is singular if EPS K_ii (K^{-1})_ii is large. The mean of x_i^2 estimates `self.unit` (K^{-1})_ii.
+        # K is singular if EPS K_ii (K^{-1})_ii is large. Squares of samples x_i have the mean `self.unit` (K^{-1})_ii.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
         x = self._run(333, z)
@@ -131,7 +131,7 @@ def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
         K.sum_duplicates()
     upper = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
     solver = kind(POSITIVE_DEFINITE, 0)
-    # 0: no default settings. 1: nested dissection. 23: factorisation in two levels. 34: indices from zero.
+    # iparm[0]: no default settings. [1]: nested dissection. [23]: factorisation in two levels. [34]: indices from zero.
     settings = {0: 1, 1: 2, 23: 1, 34: 1}
     if len(last):
         settings[35] = 2

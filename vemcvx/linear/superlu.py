@@ -15,7 +15,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: without Pardiso, the default in the plane up to two million unknowns.
+    """Sparse LU with diagonal pivots: the default without Pardiso, in the plane for at most two million unknowns.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)  # one bit per level
-    for _ in range((n // 8).bit_length()):  # Halves of smaller parts would save no fill.
+    for _ in range((n // 8).bit_length()):  # Halving smaller parts would save no fill.
         order = np.argsort(part, kind="stable")
         starts = np.flatnonzero(np.diff(part[order], prepend=-1))
         number, sizes = np.empty(n, dtype=np.int64), np.diff(starts, append=n)

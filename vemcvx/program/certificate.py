@@ -10,15 +10,15 @@ $$ \text{gap} = \tfrac12 r' K^{-1} r + \sum_i (w_i |s_i| - \lambda_i \cdot s_i)
 Theorem 1: $\tfrac12 |d - d^*|_K^2 \le \text{gap}$ in the norm $|v|_K^2 = v' K v$. If $K$ has a kernel $N$, $|v|_K$ is a
 seminorm, and the gap is infinite unless $N' r = 0$ (:mod:`vemcvx.program.kernel`).
 
-Theorem 2: for any vector $v$, let $T(v)$ be the two sums of the gap, with $s$ and $z$ at $d - v$. If $d - v$ obeys the
-bounds, $|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. We choose $v$ such that tiny slips and tiny $z$ vanish
-at $d - v$ (``StepProgram.zero_levels``), and take the smaller of the two bounds.
+Theorem 2: for any vector $v$, let $T(v)$ be the sums over $i$ and $j$ in the gap, with $s$ and $z$ at $d - v$. If
+$d - v$ obeys the bounds, $|d - d^*|_K \le 2 |v|_K + \sqrt{r' K^{-1} r + 2 T(v)}$. We choose $v$ such that tiny slips
+and tiny $z$ vanish at $d - v$ (``StepProgram.zero_levels``), and take the smaller bound.
 
 Let $a_i$ be the sum of the absolute values of all terms of $r_i$. Rounding can change $r_i$ by up to ROUNDED $a_i$. The
 corresponding energy is $\text{floor} = \frac12 \sum_i (\text{ROUNDED} \, a_i)^2 f_i$, where $f_i = (K^{-1})_{ii}$.
 Then $|d - d^*|_K \le \sqrt{2 \, \text{gap}} + \sqrt{2 \, \text{floor}}$, which is `error + error_floor`.
 
-Friction acts on the body with the forces $-B' \lambda$. Limits act on the body with the forces $-D' p$.
+Friction acts on the body with the forces $-B' \lambda$. The limits act on the body with the forces $-D' p$.
 """
 
 from __future__ import annotations

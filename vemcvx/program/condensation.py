@@ -1,7 +1,7 @@
 """Static condensation of a system to the unknowns of norm terms and limits.
 
-Norm terms and limits act on the retained unknowns c. All other unknowns i are interior. The stiffness matrix K has the
-Schur complement S = K_cc - K_ci K_ii^{-1} K_ic.
+Norm terms (friction) and limits (contact) act on the retained unknowns c. All other unknowns i are interior. The
+stiffness matrix K has the Schur complement S = K_cc - K_ci K_ii^{-1} K_ic.
 
 A force phi is *reduced* to two vectors. xi is the response of the interior if the retained unknowns are zero, and tau
 is a force on the retained unknowns:
@@ -76,7 +76,7 @@ class Condensation:
     """A system reduced to its `retained` unknowns (m,).
 
     `operators` act on retained unknowns, and `full` on all unknowns. If `whole` is True, all unknowns are retained.
-    `factor` solves with K + E. `anchor` is the diagonal of E, or None.
+    `factor` is the factor of K + E. `anchor` is the diagonal of E, or None.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -144,7 +144,7 @@ class Condensation:
         return Reduced(phi, xi, tau, self.operators.factor.solve(tau))
 
     def balance(self, tau: Floats, phi: Floats) -> Floats:
-        """Return the force tau (m,), balanced with phi on the kernel of K."""
+        """Correct tau (m,) so that tau and phi do equal work in motions of the kernel."""
         kernel, N = self.system.kernel, self.operators.kernel
         if kernel is None or N is None:
             return tau

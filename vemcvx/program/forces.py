@@ -1,8 +1,8 @@
 """Slips and gaps of a step as functions of the contact forces.
 
 A step has the stiffness matrix K, the load g and the increment d. Norm terms have the rows B, the forces lam and the
-slips s = B d - b. Limits have the rows D, the forces p, the compliances c and the gaps z - c p, with z = D d - e. Let
-x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
+slips s = B d - b. The limits have the rows D, the forces p, the compliances c and the gaps z - c p, with z = D d - e.
+Let x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
 
     off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
@@ -35,7 +35,7 @@ class Point:
     off: Floats  # (N,) slips s, then gaps z - c p
     a: Floats  # (k,) kernel coordinates alpha
     rest: Floats  # (k,) N'g - R'x
-    start: Point | None = None  # the point of `begin`
+    start: Point | None = None  # the point that `begin` returned
 
 
 class Delassus:

@@ -8,7 +8,7 @@ $$ c' N' g < \sum_i w_i |B_i N c| \quad \text{for all } c \ne 0 \text{ with } D 
 N' g = N' B' \lambda + N' D' p, \quad |\lambda_i| \le w_i, \quad p \ge 0. $$
 
 The force K d* is unique, but d* need not be unique. Errors are measured in the seminorm |.|_K. To factorise K, we add
-stiffness to k unknowns, the *anchors*. Every motion moves an anchor.
+stiffness to k unknowns, the *anchors*. Every motion of the kernel moves an anchor.
 """
 
 from __future__ import annotations

@@ -170,12 +170,12 @@ class Operators(ArrayRecord):
 
     @cached_property
     def regular(self) -> Matrix:
-        """The positive definite matrix K, with anchors if K has a kernel."""
+        """The matrix K, made positive definite by added stiffness if K has a kernel."""
         return self.K if self.kernel is None else add_anchors(self.K, choose_anchors(self.kernel, self.K.diagonal()))
 
     @cached_property
     def factor(self) -> Factor:
-        """The factor of K, with anchors if K has a kernel."""
+        """The factor of `regular`."""
         if self.given_factor is not None:
             return self.given_factor
         K = self.regular

@@ -5,7 +5,7 @@
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
 K is the stiffness matrix, and g = load(t_n) - K y_prev is the unbalanced force of y_prev under the new load. Norm term
-i resists the slip s_i by the force lam_i, up to the weight w_i. Supports and the ground prescribe b_i. A term of
+i resists the slip s_i by the force lam_i, up to the weight w_i. The supports and the ground prescribe b_i. A term of
 infinite weight always sticks: s_i = 0, and lam_i is free. *Limit* j has the force p_j, the gap e_j and the compliance
 c_j. If c_j = 0, the limit is the bound D_j d <= e_j.
 """
@@ -234,7 +234,7 @@ class StepProgram(ArrayRecord):
         return operators.blocks(x[:rows]), x[rows:]
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
-        """Bound the error of any answer: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error (:mod:`.certificate`).
+        """Bound the distance of d from the solution d*: |d - d*|_K <= error (:mod:`.certificate`).
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class StepProgram(ArrayRecord):
         operators, s, z = self.operators, self.slip(d), self.excess(d)
         if has_diverged(d):
             return Certificate(np.inf, np.zeros(len(s)), 0.0, np.zeros(len(z)))
-        # A negative energy shows an error in K^{-1}, which zero would hide.
+        # Errors of K^{-1} may make the energy negative.
         equilibrium = abs(0.5 * operators.factor.energy(self.residual(d, lam, p)))
         if operators.kernel is not None and np.greater(*np.abs(self._imbalance(operators.kernel, lam, p))).any():
             equilibrium = np.inf
@@ -298,7 +298,7 @@ class StepProgram(ArrayRecord):
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return N'r = N'(g - B'lam - D'p), and a bound on the rounding error."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
-        # g is a difference of larger forces.
+        # g is a difference of forces that may be larger than g.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)
         return N.T @ self.g - x @ modes, ROUNDED * terms
 

@@ -5,7 +5,7 @@ Problem 2.1 of the paper, for unknowns y(t), has the forms
     a(u, v) = v'Ku,     <l(t), v> = v'load(t),     j(v) = sum_i w_i |B_i v|.
 
 `Norms` are the terms w_i |B_i v|, and `Limits` are hard or soft bounds D_j y <= e_j. Let lam be the forces of norm
-terms, and p >= 0 the forces of limits. Forces balance the load: K y + B'lam + D'p = load.
+terms, and p >= 0 the forces of limits. The forces balance the load: K y + B'lam + D'p = load.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Norms(Rows):
 
 @dataclass(frozen=True, repr=False)
 class Limits(Rows):
-    """Limits e_j on the rows D_j y, with compliances c_j.
+    """The limits D_j y <= e_j, with compliances c_j.
 
     Let z_j = D_j y - e_j. If c_j = 0, limit j is the bound z_j <= 0. If c_j > 0, limit j adds the energy
     (z_j)_+^2 / (2 c_j). The limit has the force p_j >= 0, and z_j <= c_j p_j. If p_j > 0, then z_j = c_j p_j.
@@ -177,7 +177,7 @@ class Limits(Rows):
     ----------
     D : (r, n) array or sparse matrix
     e : (r,) array, or callable t -> (r,)
-        The limits.
+        Upper limits of D y.
     compliance : number or (r,) array
         Displacement per force, >= 0; velocity per force where `rates` is True.
     places : callable j -> str, optional
@@ -239,7 +239,7 @@ class DraggedTerms:
 class Motion:
     """The contributions of moving supports to energy, slips and gaps.
 
-    Nodes have the displacements u = P y + u_D(t), where supports prescribe u_D. The elastic form is a(u, v) = u'A v.
+    The displacements are u = P y + u_D(t), where the supports prescribe u_D. The elastic form is a(u, v) = u'A v.
     """
 
     dirichlet_force: Callable[[float], Floats]  # t -> (n,): P'A u_D

@@ -158,7 +158,7 @@ class ThroughCvxpy(Solver):
     @property
     def accepts(self) -> frozenset[str]:
         conic, quadratic = interfaces()
-        # cvxpy lists linear solvers, such as GLPK, as conic solvers without second-order cones.
+        # cvxpy lists solvers of linear programs, such as GLPK, as conic solvers.
         linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
         return FEATURES if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 

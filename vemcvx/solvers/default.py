@@ -110,15 +110,15 @@ class Direct(Solver):
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
 
 
-PATIENCE = 12  # Number of programs without a halved gap, after which the fixed-point iteration stops.
+PATIENCE = 12  # The fixed-point iteration stops if this number of programs does not halve the gap.
 
 
 @dataclass(frozen=True, eq=False)
 class RunSolver:
     """A solver prepared for the steps of a run.
 
-    Weights are constants, or follow from a law of friction. Newton's method solves steps with a law directly. Other
-    solvers use a fixed-point iteration. One step of `newton` from an answer gives the next weights.
+    Weights are constants, or follow from a law of friction. If a step has a law, Newton's method solves the step
+    directly. Other solvers use a fixed-point iteration. One step of `newton` from an answer gives the next weights.
     """
 
     solver: Solver
@@ -127,7 +127,7 @@ class RunSolver:
 
     @classmethod
     def prepare(cls, solver: Solver, operators: Operators) -> RunSolver:
-        """Prepare a solver, or raise NotAccepted for a singular K."""
+        """Prepare a solver, or raise NotAccepted if it does not accept a singular K."""
         if operators.kernel is not None and not solver.semidefinite:
             raise NotAccepted(
                 f"solver {solver.name}: only friction and contact hold a body, so that K is semidefinite; this solver "

@@ -97,7 +97,7 @@ class Weights:
 
 
 SLIP_FRACTIONS = 0.0, 0.25, 0.5, 0.75, 1.0, 2.0
-"""Multiples of the slip of a step at which a law is checked."""
+"""A law is checked at these multiples of the slip of a step."""
 MOST_EVALUATIONS = 200
 """Largest number of evaluations of a law in one call of `resolve_slips`."""
 

@@ -1,7 +1,7 @@
 r"""Semismooth Newton on active sets, for the contact forces x = (lam, p) of a step (docs/theory/semismooth_newton.md).
 
-Norm terms have the forces lam, the slips s and the weights w. Limits have the forces p. Let x_law be the forces of the
-law on slipping terms and open limits, and x on other rows. The next x is x_law + Q z. The unknowns z are changes of
+Norm terms have the forces lam, the slips s and the weights w. The limits have the forces p. Let x_law be x, but with
+the forces of the law on slipping terms and open limits. The next x is x_law + Q z. The unknowns z are changes of
 
 - forces of sticking terms,
 - forces of acting limits, which change friction by J = dw/dp,
@@ -11,7 +11,7 @@ law on slipping terms and open limits, and x on other rows. The next x is x_law 
 Let P be Q' without J, and W the Delassus matrix (:mod:`vemcvx.program.forces`). The matrix of the system is
 P W Q + diag(compliance). If the stiffness matrix K has a kernel, the forces must also balance on the kernel.
 
-If active sets recur, projected gradients follow, or a search between the last two points.
+If active sets recur, we take projected-gradient steps, or search between the last two points.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SHIFT = 0.1
 REGULARISATION = 1e-11
 """Number added to the diagonal, because rows may be linearly dependent."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Relative errors of the law at which corrections, a step, and a stalled step end."""
+"""Corrections, a step and a stalled step end at these relative errors of the law."""
 MAX_CORRECTIONS = 20  # largest number of corrections with one factorisation
 FIRST_SWEEPS = 100  # gradient steps in the first call of `_sweep`
 SWEEP_TOLERANCE = 1e-6  # relative error of weights in `_sweep`
@@ -56,7 +56,7 @@ class ActiveSets:
     direction: Floats  # (m, block) unit vectors of slips
     along: Floats  # (m,) components of slips along `direction`, >= 0
     w: Floats  # (m,) weights at slips `along`
-    size: Floats  # (m,) lengths |q| of the predicted forces
+    size: Floats  # (m,) lengths of the predicted forces x + SHIFT * off
 
     @classmethod
     def at(cls, delassus: Delassus, point: Point, law: Weights, s: Floats | None = None) -> ActiveSets:
@@ -269,7 +269,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Newton(Solver):
-    """The semismooth Newton method of this package, for every kind of term and law of friction.
+    """The semismooth Newton method of this package, for all terms and all laws of friction.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ class PreparedNewton:
         return self._answer(program, law, self.delassus.begin(program, lam, p))
 
     def solve_from(self, program: StepProgram, law: Weights, answer: Answer) -> Answer:
-        """Solve a step, starting on the active sets of an answer."""
+        """Solve a step, starting from the active sets of an answer."""
         return self._answer(program, law, self.delassus.begin(program, answer.lam, answer.p, answer.d), near=True)
 
     def _answer(self, program: StepProgram, law: Weights, point: Point, near: bool = False) -> Answer:

@@ -151,8 +151,8 @@ class ScaledSolver:
         self.prepared = solver.prepare(self.operators)
 
     def length(self, program: StepProgram) -> float:
-        """Return the length alpha of a step, or 1.0 without data."""
-        # A norm term loads the body by at most the weight, even for large b.
+        """Return alpha for a step, or 1.0 if all data are zero."""
+        # The force of a norm term is at most the weight, even for large b.
         operators = program.operators
         forced, flexible = lengths(operators.blocks(program.b)), operators.norm_flexibility
         drawn = np.minimum(forced, program.finite_weights * flexible) / np.sqrt(

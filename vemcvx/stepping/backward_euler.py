@@ -3,7 +3,7 @@
 Step n has the unknown d_n = y_n - y_{n-1} and the force g_n = load_n - K y_{n-1} with the stiffness matrix K. To keep
 the digits of tiny increments, we compute g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n).
 
-Let u = P y + u_D be the displacements. Supports prescribe u_D. Dashpots add a form b(u', v) to the elastic form
+Let u = P y + u_D be the displacements. The supports prescribe u_D. Dashpots add a form b(u', v) to the elastic form
 a(u, v). The form b has the matrix A_b in displacements u, and C = P'A_b P in unknowns y. In a step of length k, K + C/k
 replaces K, and moving supports add the force -P'A_b (u_D,n - u_D,n-1) / k.
 
@@ -79,7 +79,7 @@ log = logging.getLogger("vemcvx")
 
 @dataclass(frozen=True, eq=False)
 class PosedStep:
-    """A step and the convex program."""
+    """A step and its convex program."""
 
     run: PreparedRun
     before: State
@@ -237,7 +237,7 @@ def prepare(
     linear: LinearSolver | None = None,
     shortest: float = np.inf,
 ) -> PreparedRun:
-    """Prepare a run with steps of at least the length `shortest`."""
+    """Prepare a run with steps that are not shorter than `shortest`."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)}; wanted a System. simulate() takes a scene and a mesh.")
     if solver is not None:
@@ -287,7 +287,7 @@ def march(
     initial : None, (n,) array, "equilibrium", "settled", Balanced or Continued
         None: y = 0. Array: y. "equilibrium": K y = load(t_0), without friction. "settled": one step from y = 0.
     store : "all", "last", int or sequence of int
-        States to store: all, the last, every n-th and the last, or the states of given steps and the last.
+        States to store: all, only the last, every n-th, or the states of given steps. The last is always stored.
     check, condense, linear
         See :func:`vemcvx.simulate`.
     progress : callable (step, steps), optional
@@ -340,7 +340,7 @@ def march_prepared(
     progress: Callable[[int, int], None] | None = None,
     prepared: float = 0.0,
 ) -> Trajectory:
-    """March a run, which was prepared in `prepared` seconds, through time; store the steps `kept`."""
+    """March a prepared run through time, and store the steps `kept`."""
     start = time.perf_counter()
     with threads_of_steps(run.system, run.condense, run.condensation.linear):
         recorder = Recorder(run, instants, kept, storage)

@@ -1,4 +1,4 @@
-"""Bends, turns and jumps of loads, gaps, friction bounds and motions in time.
+"""Bends (kinks), turns (extrema) and jumps of loads, gaps, friction bounds and motions in time.
 
 All data of one kind, such as all gaps, are added with random weights. The sums are sampled at ends and midpoints of
 steps, and at least 256 times in a run. A change that begins and ends between two samples is not found.
@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest change of slope, times the interval, relative to the largest value."""
+"""Smallest change of slope at a bend, times the interval, relative to the largest value."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -44,7 +44,7 @@ def sample_course(system: System, times: Floats) -> Course:
     instants, sentences = _jumps(sampled, values / scale, lambda t: sums(t) / scale, names)
     bends = np.union1d(instants, _bends(sampled, values / scale))
     turns = _turns(sampled, values / scale)
-    # Discard turns next to bends.
+    # Discard each turn next to a bend.
     before, after = (sampled[np.clip(np.searchsorted(sampled, turns) + k, 0, len(sampled) - 1)] for k in (-2, 1))
     smooth = np.searchsorted(bends, before) == np.searchsorted(bends, after, side="right")
     return Course(sampled, values / scale, np.union1d(bends, turns[smooth]), sentences)
@@ -84,7 +84,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
     size, far = np.abs(apart).max(axis=1), np.maximum(np.append(0.0, curved[:-2]), np.append(curved[2:], 0.0))
-    # At a bend, the slope changes eight times more than in neighbouring intervals.
+    # At a bend, the slope changes over eight times as much as in neighbouring intervals.
     j = np.flatnonzero((size * width[1:-1] > BEND_TOLERANCE) & (size > 8.0 * far))
     k = np.abs(apart[j]).argmax(axis=1)
     after = (values[j + 1, k] + slopes[j + 2, k] * width[j + 1] - values[j + 2, k]) / apart[j, k]

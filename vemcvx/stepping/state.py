@@ -1,9 +1,9 @@
 """States, the data of a run, and the ledger of energies.
 
-Let f be the outer forces. The displacement is u = P y + u_D(t) with the unknowns y and a matrix P. Supports prescribe
-u_D. The elastic form is a(u, v) = u'A v. In a step, d marks the change of a quantity, and n marks the value at the end.
-Norm terms have the slips s_i = B_i dy + dh_i, the weights w_i and the forces lam_i. Supports and the ground prescribe
-h. Limits D y <= g have the forces p and the compliances c. The ledger of a step has
+Let f be the outer forces. The displacement is u = P y + u_D(t) with the unknowns y and a matrix P. The supports
+prescribe u_D. The elastic form is a(u, v) = u'A v. In a step, d marks the change of a quantity, and n marks the value
+at the end. Norm terms have the slips s_i = B_i dy + dh_i, the weights w_i and the forces lam_i. The supports and the
+ground prescribe h. The limits D y <= g have the forces p and the compliances c. The ledger of a step has
 
     energy E = 1/2 a(u, u) + (c p^2 / 2 of soft limits)
     work     = f_n . dy + a(u_n, du_D) + lam . dh - p . dg
@@ -19,7 +19,7 @@ E_0 at the beginning of the run, the following sums are accurate to second order
 
     loss = sum_i (w_i + w_i,prev) / 2 |s_i|,        work = E - E_0 + loss
 
-Large terms of E cancel if supports move a body far. With K = P'A P and m = P'A u_D, we split u = u_m + P q:
+Large terms of E cancel if the supports move a body far. With K = P'A P and m = P'A u_D, we split u = u_m + P q:
 
     u_m = P x_m + u_D,   K x_m = -m,     a(u_m, Pv) = 0 for all v,
 
@@ -77,7 +77,7 @@ class StepData:
     remaining_gap: Floats  # (r,) gaps of the limits at y = 0
     ground: Floats | None  # (m * block,) displacement of the ground
     push: Reduced  # the Dirichlet force alone
-    field: Floats  # (n_u,) u_m minus a rigid motion; empty if no supports move
+    field: Floats  # (n_u,) u_m minus a rigid motion; empty if no support moves
 
     @classmethod
     def evaluate(cls, condensation: Condensation, t: float) -> StepData:
@@ -145,7 +145,7 @@ class PreparedRun:
             if limits is not None:  # Compliances of limits on velocities become displacement per force.
                 limits = replace(limits, compliance=np.where(limits.rates, k, 1.0) * limits.compliance)
             alone = replace(system, K=K, damping=None, motion=None, limits=limits)
-            self.viscous.clear()  # Factors are large.
+            self.viscous.clear()  # Only one factor is stored.
             self.viscous[key] = Frame(Condensation(alone, self.condense, self.condensation.linear), self.solver)
         return self.viscous[key]
 
@@ -285,14 +285,14 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     if condensation.system.reads_rates:
-        between = loss  # Weights at the mean rate of the step give second order.
+        between = loss  # Weights at the mean rate are accurate to second order.
     return Ledger(
         energy=energy(condensation, after.y, now, after.p),
         dissipated=past.dissipated + float(loss.sum()) + lost,
         work=past.work + work,
         worn=past.worn + loss,
         slipped=past.slipped + lengths(after.slip),
-        # With the mean rate, the loss of dashpots is of second order.
+        # The loss of dashpots at the mean rate is accurate to second order.
         dissipated_second_order=past.dissipated_second_order + float(between.sum()) + lost,
         worn_second_order=past.worn_second_order + between,
     )

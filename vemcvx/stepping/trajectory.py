@@ -32,7 +32,7 @@ BATCH_SIZE = 8  # Number of states that are certified together.
 
 
 class Memory:
-    """Storage of rows in memory."""
+    """Storage of arrays in memory."""
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
         """Return an array of zeros."""
@@ -49,7 +49,7 @@ class Memory:
 
 
 class Folder(Owned):
-    """Storage of rows in files of a folder."""
+    """Storage of arrays in files of a folder."""
 
     def __init__(self, path: str | Path, resumes: bool = True):
         super().__init__(path_of(path, "stream"))
@@ -213,7 +213,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        With given weights and no limits, |u_n - u_n*|_a is at most this error times `unit`, for the exact states u_n*.
+        Let u_n* be the exact states. With given weights and without limits, |u_n - u_n*|_a <= this error times `unit`.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 

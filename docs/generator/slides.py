@@ -53,7 +53,7 @@ def build_page(path: Path) -> str:
 
 
 def readdress(tag: Tag, page: str) -> None:
-    """Adapt a link of the page of a lesson to the folder of slides."""
+    """Adapt a link of a lesson's page to the folder of slides."""
     tag.attrs.pop("id", None)
     for attribute in ("href", "src"):
         address = tag.get(attribute, "")

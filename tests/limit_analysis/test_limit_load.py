@@ -23,7 +23,7 @@ def wrench(points, forces):
 
 
 def solve_statics(points, ways, dead, push, friction):
-    """Return the largest factor of a push that a floor with friction balances, by a linear program.
+    """Solve a linear program for the largest factor of a push that a floor with friction can balance.
 
     `dead` and `push` are columns of :func:`wrench`. The factor multiplies `push`. At each point, the floor exerts an
     upward pressure p and the friction sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= friction p.
@@ -69,7 +69,7 @@ def test_a_block_slides_or_tips_as_a_linear_program_of_statics_finds(friction, a
 
 @pytest.mark.parametrize("family", ["cubes", pytest.param("voronoi3", marks=pytest.mark.long)])
 def test_the_factor_of_a_plate_pushed_at_its_edge_lies_between_two_linear_programs(family):
-    """In the linear programs, inner or outer polygons replace the discs of friction."""
+    """In the linear programs, inner or outer polygons replace the friction discs."""
     mesh = vx.meshes.SPACE_FAMILIES[family](3, box=((0.0, 2.0), (0.0, 1.0), (0.0, 0.5)))
     found = vx.limit_load(rest_on_floor(0.3), mesh, vx.Traction((0.0, 2.0, 0.5), on="right"))
     points = mesh.points[mesh.points[:, 2] < 1e-12]
@@ -134,7 +134,7 @@ def test_the_forces_found_balance_each_body_and_the_motion_found_gives_the_upper
         assert (pressure >= 0.0).all()
         assert (np.abs(found.friction[nodes, 0]) <= friction * pressure + 1e-11 * pile.size).all()
 
-    # The motion found is a mechanism.
+    # The computed motion is a mechanism.
     u, floor = found.motion, mesh.points[pile.nodes("a"), 1] == 0.0
     (x0, _), (y0, y1) = pile.boxes[pile.pushed]
     assert (y1 - y0) * pile.way @ pile.mean_motion(pile.pushed, [(x0, y0), (x0, y1)]) == pytest.approx(1.0, abs=1e-9)

@@ -71,7 +71,7 @@ def test_elastic_forces_are_those_of_a_run_in_which_all_contact_sticks(scene):
     rows = [np.flatnonzero(np.isclose(history.contact.points, x).all(axis=1))[0] for x in found.points]
     force = (history.contact.traction[:, :, 0] * history.contact.friction_lengths)[:, rows]
     change, E = force - force[0], found.elastic[:, :, 0]
-    # All tangents of the floor are equal.
+    # All nodes of the floor have the same tangent.
     assert change * np.sign((change * E).sum()) == pytest.approx(E, abs=1e-9)
     assert np.abs(E).max() > 0.1
 
@@ -83,7 +83,7 @@ def test_with_supports_the_factor_is_the_smallest_ratio_of_bound_and_half_range(
 
 
 def smallest_radius(points):
-    """Return the radius of the smallest disc around points."""
+    """Return the radius of the smallest disc that contains all points."""
     centres = [(a + b) / 2 for a, b in combinations(points, 2)]
     for a, b, c in combinations(points, 3):
         rows = 2 * np.array([b - a, c - a])
@@ -172,7 +172,7 @@ def test_a_half_model_has_the_factor_of_the_whole():
 
 
 def test_nodes_without_friction_do_not_limit_the_cycle():
-    """Nodes left of x = .4 have the bound zero, and slip freely."""
+    """Nodes with x < .4 have the bound zero, and slip freely."""
 
     def scene(factor):
         move = vx.PrescribedDisplacement(lambda x, t: [0.1 * factor * np.sin(2 * np.pi * t), 0.0] + 0 * x, on="top")

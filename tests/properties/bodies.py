@@ -20,7 +20,7 @@ CELL = 64
 
 @for_all(mesh=meshes(), data=st.data(), kind=st.sampled_from(("shear", "unit")))
 def stiffness_has_the_rigid_motions_as_kernel(mesh, data, kind):
-    """A is symmetric to the bit, A R = 0 for rigid motions R, and A is positive on all other motions.
+    """The stiffness matrix A is exactly symmetric, zero on rigid motions R, and positive on all other motions.
 
     Entries have errors of at most CELL eps M_ij with M = `majorant(A)`. A product with R adds one rounding error per
     summand. For D^{-1/2} A D^{-1/2}, where D is the diagonal of A, all entries of M are 1. For N nodes M has the norm
@@ -87,14 +87,15 @@ ANGLES = st.one_of(st.just(0.0), st.floats(0, 2 * np.pi))
 
 @for_all(setting=settings_of_scenes(), angle=ANGLES, mirror=st.booleans(), renumber=st.booleans(), seed=SEEDS)
 def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
-    """u(Q x) = Q u(x) for every rotation or reflection Q and every numbering of nodes and cells.
+    """Displacements obey u(Q x) = Q u(x) for every rotation or reflection Q and every numbering of nodes and cells.
 
     The coordinates Q x are rounded. In a cell of diameter h, the relative error is kappa eps with kappa = CELL / h.
     Rounding has two consequences, with M = `majorant(A)` and the slips s:
 
-    - Forces A u and f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy norm.
-    - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible in both programs. The gap grows
-      by 2 kappa eps sum w|s|, which is sqrt(4 kappa eps loss) in the energy norm.
+    - Elastic forces A u and loads f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy
+      norm.
+    - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible in both programs. With loss = sum
+      w|s|, the gap grows by 2 kappa eps loss, and the error in the energy norm by sqrt(4 kappa eps loss).
 
     Steps do not enlarge earlier errors, so all errors add up.
     """

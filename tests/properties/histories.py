@@ -17,7 +17,7 @@ NEWTON = vx.Newton(accuracy=1e-9)
 
 @for_all(case=cases(), data=st.data(), size=exponents(-6, 1), seed=SEEDS)
 def steps_are_stable(case, data, size, seed):
-    """Steps under two loads f1, f2 and the same friction bounds obey Theorem 2.5 of the paper.
+    """Steps under two loads f1, f2 and the same friction bounds obey Theorem 2.5 of Feng, Han and Huang.
 
     Step n has the load f_n, the state y_n and the friction term j. Let |x| = (x'Kx)^{1/2}, p = K^{-1} f,
     d_n = y_n - y_{n-1} and q = p_n - y_{n-1}. The step minimises 1/2 |d - q|^2 + j(d). So d_n = prox_j(q), and
@@ -27,7 +27,7 @@ def steps_are_stable(case, data, size, seed):
         |r1_n - r2_n|^2 + |d1_n - d2_n|^2 <= |q1 - q2|^2,   q1 - q2 = (r1 - r2)_{n-1} + ((p1 - p2)_n - (p1 - p2)_{n-1}),
 
     which implies |y1_n - y2_n - K^{-1}(f1_n - f2_n)| <= |y1_{n-1} - y2_{n-1} - K^{-1}(f1_n - f2_n)|. With
-    |f|_* = |K^{-1} f| and equal starts,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.
+    |f|_* = |K^{-1} f| and equal y_0,  |y1_N - y2_N| <= |f1_N - f2_N|_* + sum_n |(f1 - f2)_n - (f1 - f2)_{n-1}|_*.
 
     An error e of a step changes the pair (r, d) by at most sqrt(2) e, and r alone by at most e. We compute |r| as the
     norm |K r|_* from the forces K r = f - K y, because the rounding errors of these forces have a known bound.
@@ -58,8 +58,8 @@ def forces_scale_the_answer(case, power, numerator):
     """Loads c f and weights c w with c > 0 give the state c y, exactly if c is a power of two.
 
     For other c, f and w have 24 binary digits and c has at most 10, so c f and c w are exact. Then c y_n and the answer
-    y^c_n approximate one exact solution. Their distance is at most the sum of the certified errors of both runs so far,
-    because steps do not enlarge errors.
+    y^c_n approximate the same exact solution. Their distance is at most the sum of the certified errors of both runs so
+    far, because steps do not enlarge errors.
     """
     plain = marched(case, NEWTON)
     doubled = case.times_forces(2.0**power).march(NEWTON, check=False)
@@ -94,13 +94,13 @@ def solvers_agree(case):
 
 @for_all(setting=settings_of_scenes(moving=True), which=st.sampled_from("NNC"))
 def ledger_closes(setting, which):
-    """Dissipation grows, and energy balances: within the certificates, work - dE - loss = sum 1/2 a(du, du).
+    """Dissipation grows. Within the certificates, work - dE - loss = sum 1/2 a(du, du).
 
-    Here dE is the change of the energy, and a(du, du) = du'K du. A step has the increment du of the state, the slips
-    s = B du with bounds w, multipliers lam, and the residual r = f - B'lam - K y. So the work is dE + 1/2 a(du, du) +
-    lam.s + r.du, and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at most
-    e |du|_K + gap for the certified error e. The sums contain products x'Ky, where x and y are states, increments, or
-    responses K^{-1}f to loads. A step has fewer than twenty products and solves. Rounding changes each product by at
+    Here dE is the change of the energy, and a(du, du) = du'K du. A step has the load f, the increment du of the state
+    y, the slips s = B du with bounds w, multipliers lam, and the residual r = f - B'lam - K y. So the work is dE + 1/2
+    a(du, du) + lam.s + r.du, and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at
+    most e |du|_K + gap for the certified error e. The sums contain products x'Ky, where x and y are states, increments,
+    or responses K^{-1}f to loads. A step has fewer than twenty products and solves. Rounding changes each product by at
     most n eps |x|'M|y|, with M = majorant(A).
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)

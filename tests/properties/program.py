@@ -45,7 +45,7 @@ def objective_is_strongly_convex(case, size, seed, share):
 
 @for_all(case=cases(), exponent=st.floats(3, 8), which=st.sampled_from("NC"))
 def answers_obey_the_law_of_friction(case, exponent, which):
-    """|lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
+    """Multipliers obey |lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
 
     Each summand of the gap is between 0 and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
     w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with
@@ -69,11 +69,11 @@ def answers_obey_the_law_of_friction(case, exponent, which):
 
 @for_all(case=cases(), size=exponents(-8, 1), seed=SEEDS)
 def no_competitor_is_better(case, size, seed):
-    """P(d) <= P(c) + G for every c, and |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
+    """The objective obeys P(d) <= P(c) + G for every c, and |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
 
-    G is primal minus dual objective at the stored increment d, so that P(d) - P(d*) <= G by weak duality. The gap of a
-    certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong convexity gives
-    1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G; the second statement is the triangle inequality.
+    G is primal minus dual objective at the stored increment d. So P(d) - P(d*) <= G for the exact d*, by weak duality.
+    The gap of a certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong
+    convexity gives 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G; the second statement is the triangle inequality.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):

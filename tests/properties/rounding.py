@@ -26,7 +26,7 @@ def majorant(A):
 
 @dataclass(frozen=True)
 class Energy:
-    """The norms of states, |u|_K, and of forces, |f|_{K^{-1}}, and the effect of rounding errors on them."""
+    """The norms |u|_K of states and |f|_{K^{-1}} of forces, and the effect of rounding errors on both norms."""
 
     K: np.ndarray
 
@@ -79,7 +79,7 @@ class Marched:
 
     @cached_property
     def errors(self):
-        """Bounds (N + 1,) of |y_n - T(y_{n-1})|_K; the start has no error."""
+        """Bounds (instants,) of |y_n - T(y_{n-1})|_K; the initial state has no error."""
         t = self.trajectory
         stored = [self.energy.of_blurred_state(EPS * np.abs(y)) for y in t.state]
         errors = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor) + 2 * np.array(stored)

@@ -1,7 +1,7 @@
-"""Random scenes with all effects, supports and settings, on which certificates and error estimates are tested.
+"""Random scenes with all effects, supports and settings, for tests of certificates and error estimates.
 
 ``draw(seed)`` returns a scene on a small mesh, instants, a solver and settings. Equal seeds give equal scenes.
-``draw_two_bodies(seed)`` puts a second body in place of the ground.
+``draw_two_bodies(seed)`` replaces the ground by a second body.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # A second generator preserves the scenes of all seeds.
+        self.belts = np.random.default_rng([seed, 42])  # A second generator leaves all other draws unchanged.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -121,7 +121,7 @@ class _Draw:
         return self.built
 
     def field(self, size, low=0.0, high=1.0):
-        """Return an affine function of place with values between `low` and `high` times `size`."""
+        """Return an affine function of place with values between low * size and high * size."""
         points = self.built.points
         lo, span = points.min(axis=0), np.ptp(points, axis=0)
         c = self.rng.uniform(low, high, 3)
@@ -230,7 +230,7 @@ class _Draw:
 
     def tresca(self, side):
         if self.chance(0.2):
-            self.bound()  # This unused draw preserves the scenes of all seeds.
+            self.bound()  # This unused draw leaves all later draws unchanged.
         rule = self.one("nodes", "nodes", "integral")
         return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, ground=self.ground())
 
@@ -387,7 +387,7 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Scenes with a kernel refuse iterative solvers and equilibrium starts.
+            # Without supports, iterative solvers and starts in equilibrium are refused.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 

@@ -1,7 +1,8 @@
 """Energy errors of displacements, computed from a known displacement or from a finer run.
 
 |.|_a is the energy norm. A cell is a fan of n triangles. Arrays of c cells have the shape (c, n, ...). A displacement
-has 20 values in a triangle, at 10 nodes. Strains have values at 18 stations of a triangle (`vemcvx.bound.fan`).
+has 20 values in a triangle, at 10 nodes. Strains of a triangle are evaluated at 18 points, the stations
+(`vemcvx.bound.fan`).
 """
 
 from __future__ import annotations

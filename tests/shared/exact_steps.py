@@ -7,8 +7,8 @@ determine a linear system,
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
 with weights w and compliances c. Iterative refinement reduces the residual below 1e-60. A primal-dual active set method
-corrects the sets until every inequality holds to 1e-48. If sets repeat, single pivots replace this method (Murty 1974).
-With weights that do not depend on p, the solution is unique in the seminorm of K.
+corrects the sets until every inequality holds to 1e-48. If sets repeat, the method changes one member of a set at a
+time (Murty 1974). With weights that do not depend on p, the solution is unique in the seminorm of K.
 
 All equations are scaled by powers of two.
 """
@@ -154,7 +154,7 @@ class Step:
     lam: np.ndarray
     p: np.ndarray
     unit: int
-    """the exponent a"""
+    """exponent of the unit, a power of two"""
     K: Matrix
     slip_sets: np.ndarray
     acts: np.ndarray
@@ -190,7 +190,7 @@ class Steps:
         self.B, self.E = Matrix.from_matrix(B), Matrix.from_matrix(E)
 
     def step(self, before, s, t, guess, settled=False, weights=None):
-        """Return the exact step from the state `before` at `s` to `t`.
+        """Return the exact step from the state `before` at the instant s to the instant t.
 
         `guess` = (d, lam, p), in the package's units, determines the first sets. `weights` replace the weights
         of the system. If `settled`, damping and prescribed slips are left out.
@@ -407,7 +407,7 @@ def _unit_rows(rows, size):
 
 
 def _factor(dense):
-    """Return a solver of systems with the matrix in doubles, or None if the matrix is singular."""
+    """Return a function that solves systems with this matrix of doubles, or None if it is singular."""
     size = np.abs(dense).max(axis=1, initial=0.0)
     row = np.ldexp(1.0, -np.frexp(np.where(size > 0, size, 1.0))[1])
     factors, pivots, info = la.lapack.dgetrf(row[:, None] * dense)

@@ -2,8 +2,8 @@
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 
-Lame's constants are lambda and mu = 1. On the floor z = 0, u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y). Friction is
-opposite to the slip, with the bound g = mu x |(u_x, u_y)|.
+Lame's constants are lambda and mu = 1. On the floor, where z = 0, we have u_z = 0 and d_z (u_x, u_y) = x (u_x, u_y).
+Friction is opposite to the slip, with the bound g = mu x |(u_x, u_y)|.
 """
 
 from __future__ import annotations

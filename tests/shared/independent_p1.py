@@ -92,7 +92,7 @@ class Rows:
 
 @dataclass
 class Body:
-    """A box of linear elastic triangles."""
+    """An elastic box with a mesh of linear triangles."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -302,7 +302,7 @@ class Body:
 
 
 class Bodies(Body):
-    """Boxes of triangles on top of each other, with sides such as "lower.left" and interfaces such as "lower|upper"."""
+    """A stack of boxes. Sides are named like "lower.left", and interfaces like "lower|upper"."""
 
     def __init__(self, points, triangles, body_of_triangle, names):
         super().__init__(points, triangles)
@@ -449,7 +449,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _solve_program(self, before, s, t, bounds, near=None):
-        """Solve a convex program, from the sets of the state `near` or of Clarabel's answer."""
+        """Solve a convex program. The first sets are those of `near`, by default those of Clarabel's answer."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)

@@ -18,11 +18,11 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""We assume that the scaled K with anchors (:mod:`vemcvx.program.kernel`) has eigenvalues >= 1 / ANCHORED."""
+"""If the scaled K is singular, :mod:`vemcvx.program.kernel` adds stiffness. We assume eigenvalues >= 1 / ANCHORED."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force."""
 EXACT = 2.0**-160
-"""Relative error of exact distances."""
+"""Relative error of the distances that :mod:`exact_steps` returns."""
 UPPER = 1 + 1e-9
 """Factor for the rounding of bounds and errors in doubles."""
 
@@ -112,7 +112,7 @@ def _check_steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        # Multipliers of dragged nodes follow the multipliers of the program.
+        # The program does not contain the multipliers of nodes that a support drags.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: system.B.shape[0]], t.pressures[n]
         try:
             step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
@@ -169,7 +169,7 @@ def _check_resumed(drawn, history, verdict):
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
     for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "certificate_floor"):
         one, other = getattr(whole, name)[:half], getattr(history, name)[:half]
-        # A resumed run certifies other steps at once, which changes rounding errors. Their bound is the floor.
+        # A resumed run certifies other steps together, which changes rounding errors. The floor bounds these errors.
         rounded = ROUNDED if name.startswith("certificate") else 0.0
         hidden = whole.certificate_floor[:half] if name == "certificate" else 0.0
         if not np.allclose(one, other, rtol=rounded, atol=hidden, equal_nan=True):

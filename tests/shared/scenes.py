@@ -91,7 +91,7 @@ def rotation(angle):
 
 
 def moved(mesh, matrix, shift=0.0):
-    """Return a mesh with the points multiplied by a matrix and shifted."""
+    """Return a mesh whose points are multiplied by a matrix, then shifted."""
     named = {name: part for name, part in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
     kept = {"boundaries": named, "cell_data": mesh.cell_data, "interfaces": dict(mesh.interfaces)}
     return type(mesh)(mesh.points @ np.asarray(matrix).T + shift, mesh.cells, **kept)

@@ -96,7 +96,7 @@ def affine(matrix, vector, times, course):
 
 @dataclass(frozen=True)
 class Setting:
-    """The parts of a scene, a mesh and the times of a history."""
+    """A mesh, times, and the parts of a scene."""
 
     mesh: vx.PolygonMesh
     material: vx.Elasticity
@@ -148,9 +148,9 @@ class Case:
     B: sp.csr_matrix
     block: int
     loads: np.ndarray
-    """(N + 1, n)"""
+    """loads (instants, unknowns)"""
     weights: np.ndarray
-    """(N + 1, m)"""
+    """weights (instants, terms)"""
     times: np.ndarray
 
     def __post_init__(self):

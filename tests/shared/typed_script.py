@@ -33,7 +33,7 @@ def abstract() -> vx.Trajectory:
 
 @dataclass(frozen=True)
 class Weight(vx.Effect):
-    """A user-defined effect, made of an effect of the package."""
+    """A user-defined effect that uses an effect of the package."""
 
     density: float
 

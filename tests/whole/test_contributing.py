@@ -60,7 +60,7 @@ def made(tmp_path, monkeypatch):
 
 
 def test_an_effect_in_one_file_and_one_line_has_the_solution_in_closed_form(made):
-    """A bar of modulus M is fixed at x = 1. Springs k at x = 0 join the bar to a support that moves by U t."""
+    """A bar of modulus M is fixed at x = 1. At x = 0, springs of stiffness k join it to a support that moves by U t."""
     Robin = made("vemcvx/effects/robin.py")["Robin"]
     k, young, poisson, U = 3.0, 10.0, 0.3, 0.01
     M = young * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))  # modulus without lateral strain
@@ -99,7 +99,7 @@ def test_a_bed_of_springs_is_normal_compliance():
 
 
 def make_suite(code, is_long, **modules):
-    """Return the suite of a test file, with long cases marked."""
+    """Return the suite of a test file, with marks on its long cases."""
     known = {"np": np, "vx": vx}
     with pytest.MonkeyPatch.context() as patch:
         for name, source in modules.items():

@@ -45,7 +45,7 @@ class ExitCode2(vx.VemcvxError):
 
 
 def vemcvx(words):
-    """Run a command in an empty folder, in which it writes no file, and raise its refusal."""
+    """Run a command in an empty folder, check that it writes no file, and raise its refusal."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         done = CliRunner().invoke(app, shlex.split(words))
         assert not any(path.is_file() for path in Path(folder).rglob("*"))
@@ -91,7 +91,7 @@ def quote_error(call, known):
 
 
 def read_errors():
-    """Return call -> error from the file."""
+    """Return the error of each call of the file."""
     parts = {}
     for line in FILE.read_text().splitlines():
         if line in CALLS:

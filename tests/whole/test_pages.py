@@ -1,4 +1,4 @@
-"""On pages of the site, Python code runs, links and named files exist, and values of constants are right."""
+"""The Python code of the site's pages runs. Links and named files exist, and the values of constants are right."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Properties that every problem has, tested on a few random problems, or on more than a thousand with -m slow.
+"""Properties that every problem has. The tests draw a few random problems, or more than a thousand with -m slow.
 
-A property is a function in tests/properties. The attribute `strategies` draws the arguments. A test fails if the
+A property is a function in tests/properties. Its attribute `strategies` draws the arguments. A test fails if the
 property completes too few examples.
 """
 

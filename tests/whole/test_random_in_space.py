@@ -84,7 +84,7 @@ def compare(seed):
         away, start = one.state[-1] - other.state[-1], answers[0].displacement[-1]
         distance = np.sqrt(away @ (pose_scene(scene, mesh, times).system.K @ away))
         allowed = sum(np.sqrt(2 * t.gap[-1]) + np.sqrt(2 * t.floor[-1]) for t in (one, other))
-        ratios.append(distance / allowed if distance > 0 else 0.0)  # A clamped body without loads rests exactly.
+        ratios.append(distance / allowed if distance > 0 else 0.0)  # A clamped body without loads has no error.
     return ratios
 
 

@@ -55,7 +55,7 @@ def list_public_names(module):
 
 
 def list_private_imports(path):
-    """Yield the private names of the core that a file imports, without `vemcvx.`."""
+    """Yield the private names of the core that a file imports, without the prefix `vemcvx.`."""
     for node in nodes(path, ast.ImportFrom):
         if not node.module.startswith("vemcvx.") or is_wing(node.module):
             continue

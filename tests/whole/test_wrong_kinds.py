@@ -1,4 +1,4 @@
-"""Arguments of a wrong kind raise errors that name the argument, and damaged files raise errors with a sentence.
+"""An argument of a wrong kind raises an error that names the argument. Errors of damaged files are sentences.
 
 Every parameter of every public callable receives the values of `WRONG`.
 """
@@ -165,7 +165,7 @@ METHODS = (
     *(HISTORY.stress, HISTORY.von_mises, HISTORY.row, HISTORY.reaction, HISTORY.probe, HISTORY.table),
 )
 SEEDED = {"distorted", "hanging", "voronoi", "prisms", "voronoi3"}
-"""Families of random meshes; all others accept any `seed`."""
+"""Families of random meshes; all other families accept any `seed`."""
 FAMILIES = {**vx.meshes.FAMILIES, **vx.meshes.SPACE_FAMILIES}
 CALLABLES = (
     *(thing for name in vx.__all__ if callable(thing := getattr(vx, name)) and not inspect.isabstract(thing)),

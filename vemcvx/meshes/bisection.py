@@ -78,7 +78,7 @@ class Tetrahedra(NamedTuple):
     corners: Ints  # (n, 4) nodes, with the orientation of `FACES`
     parts: Ints  # (n, 4) old boundary face opposite to the corner, or -1
     parents: Ints  # (n,) original cell
-    cuts: Ints  # (n,) number of bisections of the original cell
+    cuts: Ints  # (n,) number of bisections since the original cell
 
     @classmethod
     def from_mesh(cls, mesh: PolyhedralMesh) -> Tetrahedra:

@@ -1,6 +1,6 @@
 """Cracks between two sets of cells, and cuts of a mesh into two parts.
 
-A crack divides the cells at a node into groups. Two neighbours are in one group if the common edge or face is not cut.
+A crack divides the cells at a node into groups. Two neighbours are in one group if the crack does not separate them.
 Every group gets a node. At a crack tip, all cells form one group, and the node stays single.
 """
 
@@ -83,7 +83,7 @@ def open_crack(mesh: AnyMesh, name: str, sides: Mapping[str, ArrayLike]) -> AnyM
 
 
 def _split_nodes(nodes: Ints, pairs: Ints, opened: Bools, count: int) -> tuple[Ints, Ints]:
-    """Return the node of each corner, and the old node of each node."""
+    """Return the new node of each corner, and the old number of each new node."""
     whole, parted = (smallest_linked(pairs[kept], len(nodes)) for kept in (np.ones_like(opened), ~opened))
     first = np.unique(parted)  # the first corner identifies a group
     fresh = ~np.isin(first, np.unique(whole))

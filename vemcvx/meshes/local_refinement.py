@@ -4,9 +4,9 @@ A *bend* is a vertex at which the outline of a cell is not straight. A *corner* 
 If a cell has fewer than three corners by this rule, all bends are corners. A *side* is the outline between neighbouring
 corners.
 
-A side is *long* if the cell is a triangle, or if the length is at least `LONG_SIDE` times the cell diameter. A long
-side is split at a vertex near the midpoint of the side. If no vertex is near, the edge around the midpoint is halved.
-Short sides stay whole. Splitting short sides would make Voronoi cells thinner in each refinement.
+A side is *long* if the cell is a triangle, or if the side is at least `LONG_SIDE` cell diameters long. A long side is
+split at a vertex near the midpoint of the side. If no vertex is near, the edge around the midpoint is halved. Short
+sides stay whole. Splitting short sides would make Voronoi cells thinner in each refinement.
 
 Split points are joined to the centre of the cell. The three split points of a triangle are joined to each other. A
 convex cell with two split points is cut between the two points. Further cells are split until unsplit cells get at most

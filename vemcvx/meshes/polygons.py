@@ -72,7 +72,7 @@ def least_of_each(keys: Ints, values: Floats) -> Ints:
 
 
 def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Group rows with the same entries. Return first rows, and the group of each row."""
+    """Group rows with the same entries. Return the first row of each group, and the group of each row."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -226,7 +226,7 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs of boxes and tree boxes that meet, sorted by box."""
+    """Return pairs (i, j), sorted by i, where box i meets tree box j."""
     import shapely
 
     if not len(low) or not len(tree_low):
@@ -325,7 +325,7 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     return np.sqrt(squared)
 
 
-# Barycentric coordinates of three points with equal weights, a rule of degree 2.
+# A quadrature rule of degree 2: barycentric coordinates of three points with equal weights.
 DEGREE_2_POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 # Barycentric coordinates of Radon's seven-point rule of degree 5 (Monatsh. Math. 52 (1948)).
 RADON_POINTS = np.concatenate(

@@ -52,7 +52,7 @@ class PolyhedralMesh(Mesh):
     Raises
     ------
     MeshError
-        The points and cells do not form a valid mesh. A vertex may be off a face plane by 1e-6 face diameters.
+        The points and cells do not form a valid mesh. Vertices within 1e-6 face diameters of the face plane are valid.
 
     Examples
     --------

@@ -93,7 +93,7 @@ def bodies(
 def join(
     meshes: Mapping[str, AnyKind], interfaces: Mapping[str, tuple[str, str]] | None, tolerance: float | None
 ) -> tuple[AnyKind, Ints]:
-    """Return the joined mesh, and the number of each boundary side before joining."""
+    """Return the joined mesh, and a map from boundary sides to sides before joining."""
     _check_meshes(meshes)
     names, each = tuple(meshes), list(meshes.values())
     apart = _side_by_side(each)

@@ -47,7 +47,7 @@ class Part:
     sides: Ints  # (m, 2) nodes of edges, with the cell on the left; or (m,) ascending face numbers
     normals: Floats  # (m, dim) outward unit normals of sides
     measures: Floats  # (m,) lengths or areas of sides
-    rules: Callable[[int], tuple[SideRule, ...]]  # number of Gauss points per edge -> rules; degree 5 on faces
+    rules: Callable[[int], tuple[SideRule, ...]]  # Gauss points per edge -> rules (on faces always of degree 5)
     ends: SideEnds  # ends of the sides, in the order of `rules`
 
     @cached_property

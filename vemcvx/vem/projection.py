@@ -170,7 +170,7 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """Factor per component: 0 for the radial component in bodies of revolution, else 1."""
+    """Factor for subtracting a translation in `strains`: 0 in the radial direction, else 1."""
 
     @cached_property
     def corners(self) -> Floats:

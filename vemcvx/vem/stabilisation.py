@@ -25,7 +25,7 @@ NAMES = ("shear", "unit")
 class Stabilisation(ABC):
     """A base class for a user's stabilisation S_K: ``vx.Elasticity(..., stabilisation=MyStabilisation())``.
 
-    A subclass defines `form`. Make the subclass a frozen dataclass, so that objects can be compared.
+    A subclass defines `form`. Make the subclass a frozen dataclass, so that stabilisations can be compared.
 
     Examples
     --------

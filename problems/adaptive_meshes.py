@@ -1,18 +1,18 @@
-"""Adaptive meshes and uniform squares of the same true error: measured times and sizes.
+"""Adaptive meshes compared with uniform squares at the same true error: times and numbers of unknowns.
 
     python problems/adaptive_meshes.py [--small] [--picture FILE]
 
 The two scenes are the paper's scene (`feng_han_huang.py`) and an L-shaped bracket. Both have singular stresses. The
-true error is the distance, in the energy norm, between the projected displacements of a run and of a reference run. The
-reference mesh refines the finest adaptive mesh, until it is nowhere coarser than the finest uniform mesh. Then the
-cells with the largest estimated errors are refined twice.
+true error is the distance from a reference run in the energy norm. The reference mesh is the finest adaptive mesh,
+refined until it is nowhere coarser than the finest uniform mesh. Then the cells with the largest estimated errors are
+refined twice.
 
-An adaptive run starts from a coarse mesh and one time step. The table has the seconds of all passes. For each uniform
-run the table has the smallest adaptive run that is at least as accurate. The column "limit" has the number of cells of
-the best mesh, divided by the number of uniform cells. The best mesh has no stretched cells, and all of its cells have
-the same error. Suppose that a cell of the area |K| has the error e_K = sqrt(c) |K|, where c depends on the place. The
-sum S of all e_K is then the integral of sqrt(c) on every mesh. The best mesh of n cells has the errors e_K = S / n and
-the total error E = S / sqrt(n), so that n = S^2 / E^2.
+An adaptive run starts from a coarse mesh and one time step. Its seconds include all refinements. The table compares the
+two finest uniform runs with the smallest adaptive runs that are at least as accurate. The column "limit" has the number
+of cells of the best mesh, divided by the number of cells of the uniform mesh. The best mesh has no stretched cells, and
+all of its cells have the same error. Suppose that a cell of the area |K| has the error e_K = sqrt(c) |K|, where c
+depends on the place. The sum S of all e_K is then the integral of sqrt(c) on every mesh. The best mesh of n cells has
+the errors e_K = S / n and the total error E = S / sqrt(n), so that n = S^2 / E^2.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ TRIES = 7
 
 @dataclass(frozen=True)
 class Study:
-    """A scene, and the function `mesh(n)` that meshes it with n squares per unit of length.
+    """A scene, and the function `mesh(n)`, which returns a mesh with n squares per unit of length.
 
     The first adaptive mesh is `mesh(coarse)`; the uniform meshes are `mesh(n)` for n in `sizes`.
     """
@@ -84,10 +84,7 @@ def run_adaptive(study, target):
 
 
 def reference(study, run, n):
-    """Return a run on the mesh of `run`, refined until no cell is larger than the cells of `mesh(n)`.
-
-    Then the cells with the largest estimated errors are refined twice.
-    """
+    """Return the reference run, whose mesh refines the mesh of `run`."""
     mesh, h = run.history.mesh, study.mesh(n).h
     while (coarser := mesh.diameters > 1.01 * h).any():
         mesh = mesh.refine(coarser)
@@ -102,7 +99,7 @@ def measure_error(run, truth):
 
 
 def match_error(study, beside, truth):
-    """Return the smallest adaptive run that is as accurate as `beside`, and the result of `vx.adapt`."""
+    """Return the smallest adaptive run at least as accurate as `beside`, and its result of `vx.adapt`."""
     low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
         target = float(np.sqrt(low * high))
@@ -118,10 +115,7 @@ def match_error(study, beside, truth):
 
 
 def optimal_fraction(beside, run):
-    """Return the number of cells of the best mesh, divided by the number of uniform cells.
-
-    Errors of cells are taken from the adaptive `run`, which resolves singular points.
-    """
+    """Return the number of cells of the best mesh, divided by the number of cells of `beside`."""
     return float(run.true.cells.sum() ** 2 / beside.true.absolute**2 / beside.history.mesh.n_cells)
 
 
@@ -191,7 +185,7 @@ def run_studies(sizes):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--small", action="store_true", help="coarser meshes: a run of half a minute")
-    parser.add_argument("--picture", type=Path, help="where to draw convergence and meshes (PNG)")
+    parser.add_argument("--picture", type=Path, help="file for the picture (PNG)")
     given = parser.parse_args(arguments)
     results = run_studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
     console = Console(width=150)

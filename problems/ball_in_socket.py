@@ -3,10 +3,10 @@ r"""A ball in a socket, pressed from all sides and then pushed aside: the joint 
 Both bodies lie below the plane x_3 = 0. Each mesh is half a cube of tetrahedra, inflated to a half ball. At the joint,
 cells of both bodies have the same width, so that both meshes replace the sphere by the same polyhedron.
 
-Up to t = 1 the pressure p acts on both bodies from all sides. The stress is -p I in both bodies. Then the grip, the
-middle of the flat top of the ball, moves aside. The pressure of the joint rises in front of the ball and falls behind
-the ball, until the joint opens. The pressure p acts on the top of the ball outside the grip, on the area A. At each
-instant the forces on the ball balance up to rounding:
+Up to t = 1 the pressure p acts on both bodies from all sides. The stress is -p I in both bodies, with the identity I.
+Then the grip, the middle of the flat top of the ball, moves aside. The pressure of the joint rises in front of the ball
+and falls behind the ball, until the joint opens. Let A be the area of the top outside the grip, and e_3 the unit vector
+along x_3. The forces on the ball balance up to rounding:
 
 $$ \text{sum of pressure and friction of the joint } - p A e_3 + \text{ reaction of the grip } = 0. $$
 

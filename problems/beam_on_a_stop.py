@@ -1,4 +1,4 @@
-r"""A cantilever bent by a force until its end meets a stop.
+r"""A force bends a cantilever until the end of the beam meets a stop.
 
 The beam (0, L) x (0, H) is in plane stress and clamped at x = 0, with Young's modulus E and nu = 0. The force P t acts
 on its top at x = L/2, and a stop lies below its end at the distance `gap`. In Timoshenko's beam theory I = H^3 / 12,
@@ -59,7 +59,7 @@ def scene(gap=GAP):
 
 
 def mesh(n, family="squares"):
-    """Return a mesh; its boundary `stop` is the last edge of the bottom."""
+    """Return a mesh; its boundary `stop` is the rightmost edge of the bottom."""
     made = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHT)))
     last = made.points[made.boundaries["bottom"]].mean(axis=1)[:, 0].max()
     return made.with_boundary("stop", lambda p: (p[:, 1] < 1e-9) & (p[:, 0] > last - 1e-9))
@@ -70,7 +70,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the beam on its stop, and plot the force of the stop and the deflection of the end over the load."""
+    """Draw the beam on its stop, and plot the force of the stop and the deflection of the end against the load."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

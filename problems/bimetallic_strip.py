@@ -1,4 +1,4 @@
-r"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
+r"""A strip of two metals bends when it is heated (Timoshenko, Analysis of bi-metal thermostats, 1925).
 
 We compute half of a strip of length 2 L; x = 0 is the middle of the strip. The strip has two layers of heights h1
 (below) and h2 (above), with Young's moduli E1, E2 and thermal expansions alpha1, alpha2. The temperature of the strip
@@ -11,13 +11,13 @@ $$
 
 and the end deflects by kappa L^2 / 2 relative to the middle. In plane stress this curvature is exact away from the free
 end. Within about H = h1 + h2 of this end the stresses differ from beam theory, so the deflection has an error
-O((H / L)^2). A soft foundation prevents a vertical translation. The force of the foundation is zero.
+O((H / L)^2). A soft foundation prevents a vertical translation; its force is zero.
 
 With `--set grain=A` the upper layer is wood with a grain at the angle A (in radians) to the strip. Young's modulus of
 the wood is E2 along the grain and E2 / 10 across the grain. The shear modulus is G = E2 / 15. Let c = cos A and s = sin
-A. Young's modulus E of wood along the strip is given by 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2.
-In the formula of the curvature, E replaces E2. With an oblique grain, x = 0 is not a plane of symmetry, and the rollers
-at x = 0 make an error O(H / L).
+A. Along the strip, Young's modulus E of the wood follows from 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10
+s^4 / E2, with Poisson's ratio nu. In the formula of the curvature, E replaces E2. With an oblique grain, x = 0 is not a
+plane of symmetry, and the rollers at x = 0 make an error O(H / L).
 
     vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """

@@ -2,7 +2,7 @@ r"""A block between inclined dies that close along their normals: the same press
 
 A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
 these sides is parallel to an axis. Let c be a point of the floor, and e a rate. The distance of c from a side with the
-outward normal n is n . (x - c), with any point x of the side. The die on this side moves by e t times this distance,
+outward normal n is n . (x - c), for any point x of the side. The die on this side moves by e t times this distance,
 along -n. Then
 
 $$ u = -e t (x - c), \qquad \sigma = -p I, \qquad p = 2 (\lambda + \mu) e t = E e t / ((1 + \nu) (1 - 2 \nu)), $$
@@ -50,7 +50,7 @@ def scene(young=YOUNG, poisson=POISSON):
 
 
 def mesh(n, family="voronoi"):
-    """Return cells of the unit square, mapped to the block by the bilinear map."""
+    """Return a mesh of the unit square, mapped bilinearly to the block."""
     flat = vx.meshes.FAMILIES[family](n)
     x, y = flat.points.T
     weights = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=1)

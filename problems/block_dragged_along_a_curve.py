@@ -1,8 +1,8 @@
 r"""A block dragged along a figure of eight: its friction has a constant magnitude and turns with the path.
 
-A block 2 x 2 x 1/2 with E = 1000, nu = 1/4 is pressed on a rigid floor with Coulomb friction, coefficient mu. A plate
-bonded to its top presses it. Before t = 0 the plate goes down by 1/500 of the height of the block. Then the plate is
-dragged along
+A block 2 x 2 x 1/2 with E = 1000, nu = 1/4 lies on a rigid floor with Coulomb friction of the coefficient mu. A plate
+is bonded to the top of the block. Before t = 0 the plate goes down by 1/500 of the height of the block. Then the plate
+is dragged, with R = 0.1, along
 
 $$ U(t) = R (\sin t, \sin(2 t) / 2), \qquad 0 \le t \le 2 \pi. $$
 
@@ -10,10 +10,10 @@ Let P be the normal force on the sole, the bottom of the block. In full slip, th
 
 $$ F = -\mu P U' / |U'|, $$
 
-opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. The formula neglects a small effect.
-Let H be the height of the block, G its shear modulus and p = P / 4 the pressure. The sole lags behind the plate by the
-shear displacement r = mu p H / G. Friction opposes the velocity of the sole. The directions of the velocities of sole
-and plate differ by an angle O(r / R_c), with the radius of curvature R_c of the path.
+opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. Let H be the height of the block, G
+its shear modulus and p = P / 4 the pressure. The sole lags behind the plate by the shear displacement r = mu p H / G.
+Friction opposes the velocity of the sole. The direction of this velocity differs from the direction of U' by an angle
+O(r / R_c), where R_c is the radius of curvature of the path. The formula neglects this angle.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """
@@ -40,7 +40,7 @@ def friction(instants):
 
 
 def scene(coefficient=FRICTION, crown=0.0):
-    """Return the scene; the floor is a paraboloid that falls by `crown` at the distance SIDE / 2."""
+    """Return the scene; the floor is a paraboloid that falls by `crown` at the distance SIDE / 2 from its middle."""
 
     def plate(x, t):
         return np.tile([*top(t), -DEPTH], (len(x), 1))
@@ -75,7 +75,7 @@ def sole_friction(history):
 
 
 def picture(history):
-    """Draw the path with the friction on the block, and the components of friction over time."""
+    """Draw the path with the friction on the block, and the components of friction against time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

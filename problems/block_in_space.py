@@ -5,9 +5,8 @@ bilateral contact with Tresca friction, bound g = 4. The traction on the left si
 
 $$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1. $$
 
-This is the paper's load on each slice x_2 = const, with a push along x_2. In space the slip velocity of a node has two
-components, and friction opposes slip in every direction. Stresses, g and f_2 are in MPa here
-(in the paper in daN/mm^2), lengths in mm, time in s.
+This is the paper's load on each slice x_2 = const, plus a push along x_2. In space the slip velocity of a node has two
+components, and friction opposes slip in every direction. Stresses, g and f_2 are in MPa, lengths in mm, time in s.
 
 The loaded edge of the bottom slips first, and slip spreads to the right.
 

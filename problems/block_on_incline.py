@@ -7,8 +7,8 @@ horizontally. When the block begins to slide uphill, the horizontal force F sati
 $$ F / G = (\tan a + \mu) / (1 - \mu \tan a) = 0.412371. $$
 
 This formula holds for every shape, material and mesh. When every point slips, friction is mu times the pressure at
-every point. So the forces balance as on a rigid point mass. No equilibrium exists beyond this load, so we prescribe the
-displacement. Before the whole block slides, slip spreads from the ends of its base.
+every point. Therefore the forces balance as on a rigid point mass. No equilibrium exists for a larger force F, so we
+prescribe the displacement. Before the whole block slides, slip spreads from the ends of its base.
 
     vemcvx run problems/block_on_incline.py --steps 20 --plot
 """

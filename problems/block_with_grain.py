@@ -1,22 +1,25 @@
 r"""An orthotropic block sheared over a floor: it slides more easily one way than the other.
 
-The block (0, 2) x (0, H), H = 1/2, plane stress, is wood with Young's modulus E1 along the grain and E2 across the
-grain. The grain rises at the angle `grain` from x. The top is pressed down by D and then moved by U(t), back and forth.
-Coulomb friction, coefficient mu, acts on the bottom. The elastic matrix C (Lekhnitskii 1963; Jones, *Mechanics of
-Composite Materials*, 1999, 2.6) couples shear to pressure by C26. Let e = D / H. In a uniform state
-u = (a + gamma y, -e y) the block has the shear gamma and the slip a, and the tractions on the floor are
+The block (0, 2) x (0, H) in plane stress, with H = 1/2, is of wood. Young's modulus is E1 along the grain and E2 across
+the grain. The grain rises at the angle `grain` from the x-axis. The top is pressed down by D and then moved by U(t),
+back and forth. Coulomb friction of the coefficient mu acts on the bottom. The elastic matrix C (Lekhnitskii 1963;
+Jones, *Mechanics of Composite Materials*, 1999, 2.6) couples shear to pressure by C26. Let e = D / H. In a uniform
+state u = (a + gamma y, -e y) the block has the shear gamma and the slip a. The shear traction tau and the pressure p on
+the floor are
 
 $$ \tau = C_{66} \gamma - C_{26} e, \qquad p = C_{22} e - C_{26} \gamma. $$
 
-Here C26 > 0, so gamma > 0 lowers the pressure, and gamma < 0 raises the pressure. The block slips, |tau| = mu p, at
+Here C26 > 0, so gamma > 0 lowers the pressure, and gamma < 0 raises the pressure. The block slips if |tau| = mu p, that
+is at
 
 $$
 \gamma^+ = e (\mu C_{22} + C_{26}) / (C_{66} + \mu C_{26}),
 \qquad \gamma^{-} = -e (\mu C_{22} - C_{26}) / (C_{66} - \mu C_{26}),
 $$
 
-and step n gives gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of this state
-act on the sides. The displacement is linear, so virtual elements reproduce displacement and friction on every mesh.
+and step n of a run gives gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The tractions of
+this state act on the sides. The displacement is linear, so virtual elements reproduce displacement and friction on
+every mesh.
 
     vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """
@@ -94,7 +97,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the block at the last instant, and the unsymmetric loop of friction."""
+    """Draw the block at the last instant, and the unsymmetric friction loop."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -2,10 +2,10 @@ r"""A bolted flange on a shaking base: a joint that slips sideways hardly resist
 
 A steel ring of radii 30 and 60 mm, 12 mm high, is pressed on a rigid base by four bolts. The shanks of the bolts act
 like springs spread over the top: they resist sideways motion and rotation. A torque M acts on the ring from the start.
-The torque is three quarters of the largest torque that friction can transmit, so the ring does not slip at rest. Then
-the base shakes along x_1, one cycle per unit of time. The whole bottom of the ring slips. The friction of a slipping
-ring opposes the shaking, so friction resists the torque less. In every cycle the ring rotates further, until the
-springs alone transmit the torque:
+The torque is three quarters of the largest torque that friction can transmit, so the ring sticks before the base moves.
+Then the base shakes along x_1, one cycle per unit of time. The whole bottom of the ring slips. The friction of a
+slipping ring opposes the shaking, so friction resists the torque less. In every cycle the ring rotates further, until
+the springs alone transmit the torque:
 
 $$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the springs' stiffness per area}. $$
 
@@ -60,7 +60,7 @@ initial = "settled"
 
 
 def mesh(n, family="ring"):
-    """Return n rings of 16n sectors in n layers; the polygons have the areas of the circles."""
+    """Return n rings of 16n sectors in n layers; each polygon has the same area as its circle."""
     sectors = 16 * n
     widening = np.sqrt(2 * np.pi / sectors / np.sin(2 * np.pi / sectors))
     flat = vx.meshes.ring(widening * np.linspace(INNER, OUTER, n + 1), sectors)
@@ -80,7 +80,7 @@ def angle(history):
 
 
 def picture(history):
-    """Draw the bottom of the ring while it slips, and the angle of the ring over the cycles."""
+    """Draw the bottom of the ring while it slips, and the angle of the ring against time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,12 +1,11 @@
 """A bolted joint under cyclic load: slip wears the joint at the edges of the clamped zone.
 
-Two steel plates in plane strain lie on each other; each has 80 mm x 10 mm and 40 x 10 cells. Only a bolt clamps them
-together: its pressure is 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped.
-The right end of the upper plate is guided along x. A force pulls and pushes this end; only Coulomb friction resists the
-force. A cycle has four steps: pulled, free, pushed, free. With the force P of the bolt and the coefficient of friction
-mu, the largest force is 0.6 mu P, so that the joint as a whole does not slip. At each instant the sum of the nodal
-friction forces equals the load up to rounding. From the second cycle on all cycles add the same wear (friction work per
-length).
+Two steel plates in plane strain lie on each other; each is 80 mm long, 10 mm high and has 40 x 10 cells. A bolt presses
+with 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped. The right end of the
+upper plate is guided along x. A force pulls and pushes this end; only Coulomb friction resists the force. A cycle has
+four steps: pulled, free, pushed, free. With the force P of the bolt and the coefficient of friction mu, the largest
+force is 0.6 mu P, so that the joint as a whole does not slip. At each instant the sum of the nodal friction forces
+equals the load up to rounding. From the second cycle on, all cycles add the same wear (friction work per length).
 
     vemcvx run problems/bolted_joint.py --n 10 --steps 40 --plot
 
@@ -67,7 +66,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the pulled joint, and the wear over x."""
+    """Draw the pulled joint, and the wear along the joint."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.6), layout="constrained")

@@ -1,10 +1,10 @@
 r"""Two lapped plates clamped by two bolts, in space: friction transmits the pull until the plates slip.
 
 Each bolt goes through a hole in each plate. The bolt fits the hole of the lower plate and has the clearance c in the
-upper hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the gap under the heads is
--delta t, because turning the nuts shortens the shank between head and nut by delta. Then the end of the upper plate is
-moved along x. Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the
-walls of the upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
+upper hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the shank between head and nut
+shortens by delta t. In the model, the gap under the head is -delta t. Then the end of the upper plate is moved along x.
+Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the walls of the
+upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
 
 $$
 \text{pull } = \text{ friction between the plates } + \text{ pressure of the bolts on the walls of the upper
@@ -12,8 +12,8 @@ plate}, \qquad \text{friction } \le \mu N, \\
 N = \text{ tension of the bolts } + \text{ transverse forces at the ends of the plates}.
 $$
 
-At friction = mu N the plates slip by c at constant pull. Then the bolts press on the walls and transmit the rest of the
-pull.
+When friction reaches mu N, the plates slip by c at constant pull. Then the bolts press on the walls and transmit the
+rest of the pull.
 
     vemcvx run problems/bolted_lap_joint.py --n 4 --steps 20 --accuracy 1e-6 --plot
 """
@@ -115,7 +115,7 @@ def forces_on_upper_plate(history):
 
 
 def picture(history):
-    """Draw a section of the joint when the bolts touch the walls, and the pull over the displacement of the end."""
+    """Draw a section of the joint when the bolts touch the walls, and the pull against the displacement of the end."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

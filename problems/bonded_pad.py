@@ -2,8 +2,8 @@ r"""A rubber pad, clamped below and squeezed by a smooth plate: the clamp makes 
 
 We compute half of a pad |x| < a, 0 < y < h in plane strain: x = 0 is a line of symmetry, x = a is free. The rubber has
 Lame's constants lambda >> mu. The pad is bonded to its base, u = 0, and a smooth plate presses its top down by d. The
-displaced volume must flow out along the clamped base. As in lubrication theory, assume that the horizontal displacement
-has a parabolic profile across the thickness. The pressure p of the compressible pad satisfies
+displaced volume must flow out sideways. As in lubrication theory, assume that the horizontal displacement has a
+parabolic profile across the thickness. The pressure p of the compressible pad satisfies
 
 $$
 p'' = 3 \mu p / (h^2 \lambda) - 3 \mu d / h^3, \qquad p(a) = 0: \\
@@ -11,10 +11,9 @@ p = \lambda d / h (1 - \cosh(b x) / \cosh(b a)), \qquad b^2 = 3 \mu / (\lambda h
 $$
 
 (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959; with compressibility Chalhoub and Kelly, J. Eng. Mech. 117, 1991).
-A pad of twice the height between two clamps, squeezed by 2 d, has the same pressure. Without the clamp the pressure
-would be 4 mu d/h. The clamp makes an incompressible pad stiffer by the factor (a/h)^2 / 4. The formula holds for thin
-layers and neglects terms of the size of mu d/h. At distances of more than h from the free edge, the computed -sigma_yy
-under the plate exceeds p by 2.5 to 3.4 mu d/h (n = 12 and n = 24).
+Without the clamp the pressure would be 4 mu d/h. The clamp makes an incompressible pad stiffer by the factor
+(a/h)^2 / 4. The formula holds for thin layers and neglects terms of the size of mu d/h. At distances of more than h
+from the free edge, the computed -sigma_yy under the plate exceeds p by 2.5 to 3.4 mu d/h (n = 12 and n = 24).
 
     vemcvx run problems/bonded_pad.py --n 12 --steps 1 --plot
 """

@@ -91,7 +91,7 @@ def adapt(target):
 
 
 def picture(history):
-    """Draw the bracket on an adaptive mesh, and true errors over the number of nodes."""
+    """Draw the bracket on an adaptive mesh, and true errors against the number of nodes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

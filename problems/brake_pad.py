@@ -15,11 +15,10 @@ $$ q(t) = g(V) - c V e^{-(t - t_0) / \tau}, \qquad \tau = c H / G . $$
 Every step is a convex program with a certified error bound. In the steady state, friction is g(V) on every mesh.
 
 Now let friction fall (c < 0). Under uniform shear, a step of the length k has one solution if the ratio of softening to
-stiffness, -c H / (G k), is less than 1. In shorter steps friction jumps from mu_0 P to mu_1 P when the pad begins to
-slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period
-(mu_0 - mu_1) P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips
-forever at q = mu_1 P. Try `--set growth=-.15`: a warning names the ratio, and the certificate is "for the
-given friction".
+stiffness, -c H / (G k), is less than 1. For larger ratios friction jumps from mu_0 P to mu_1 P when the pad begins to
+slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period (mu_0 - mu_1)
+P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips forever at q = mu_1 P. Try
+`--set growth=-.15`: a warning names the ratio.
 
     vemcvx run problems/brake_pad.py --n 4 --steps 80 --plot
 """
@@ -87,7 +86,7 @@ def measure_friction(history):
 
 
 def picture(history):
-    """Draw the sheared pad, and friction over time under two laws."""
+    """Draw the sheared pad, and friction against time for c > 0 and c < 0."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.6), layout="constrained")

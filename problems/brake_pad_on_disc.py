@@ -90,7 +90,7 @@ def torque(history):
 
 
 def picture(history):
-    """Draw pad and rim while they slip, the torque over the angle, and the wear along the rim after every cycle."""
+    """Draw pad and rim while they slip, the torque against the angle, and the wear along the rim after every cycle."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 5.6), layout="constrained")

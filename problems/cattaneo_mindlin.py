@@ -1,9 +1,9 @@
 r"""Partial slip under a cylinder, pressed and then dragged: the contact sticks inside and slips at its edges.
 
-A tangential force Q < mu P is added to the force P of Hertz' contact. If Dundurs' constant beta is 0, as for a rigid
-obstacle and a body with nu = 1/2, pressure alone causes no slip. Then the traction of Cattaneo (1938) and Mindlin
-(1949) is a difference of two half-ellipses. Let a be the half-width of the contact, c the half-width of its sticking
-part, and p_0 the largest pressure. Roots of negative numbers count as 0:
+A tangential force Q < mu P is added to the force P of Hertz' contact, where mu is the coefficient of friction. If
+Dundurs' constant beta is 0, as for a rigid obstacle and a body with nu = 1/2, pressure alone causes no slip. Then the
+traction of Cattaneo (1938) and Mindlin (1949) is a difference of two half-ellipses. Let a be the half-width of the
+contact, c the half-width of its sticking part, and p_0 the largest pressure. Roots of negative numbers count as 0:
 
 $$ |\text{traction}| = \mu p_0 (\sqrt{1-x^2/a^2} - \tfrac ca \sqrt{1-x^2/c^2}), \qquad c / a = \sqrt{1-Q/(\mu P)}, $$
 

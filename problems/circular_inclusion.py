@@ -57,7 +57,7 @@ def scene(fibre_young=FIBRE[0], fibre_poisson=FIBRE[1]):
 
 
 def mesh(n, family="ring"):
-    """Return a polygon of 4n sides in rings of 4n cells; one circle between rings is the interface."""
+    """Return a polygon of 4n sides inside rings of 4n cells; a circle between two rings is the interface."""
     ratio = np.exp(np.pi / (2 * n))
     inside = np.linspace(0.25, 1.0, max(2, round(0.75 * n * 2 / np.pi)) + 1) * RADIUS
     beyond = np.geomspace(RADIUS, REACH, max(2, round(np.log(REACH / RADIUS) / np.log(ratio))) + 1)

@@ -3,8 +3,8 @@ r"""A user-defined effect: two blocks, joined by glue that softens, are pulled a
 The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. The sides of the blocks stay plane, and the
 meshes do not match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks
 is rigid up to its strength c. At this stress the glue flows, across and along the interface. The accumulated flow A at
-a place reduces the strength to c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0. Contact keeps the
-opening a >= 0. The stress across the interface is
+a place reduces the strength to c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0 and the flow A_c at
+which all strength is lost. Contact keeps the opening a >= 0. The stress across the interface is
 
 $$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 
@@ -13,7 +13,7 @@ In step n, let sigma* = (U_n - a_{n-1}) / C be the stress without flow. If |sigm
 $$ |a_n - a_{n-1}| = (|\sigma^*| - c(A_{n-1})) / (1 / C - c_0 / A_c) $$
 
 If the blocks touch or all strength is lost during the step, the glue flows less. If c_0 / A_c < 1 / C, a step has one
-solution, and the blocks do not snap apart. Without strength, the stress is zero until the blocks touch again.
+solution, and the blocks do not snap apart. Once the strength is lost, the stress is zero until the blocks touch again.
 
     vemcvx run problems/cohesive_interface.py --mesh nonconvex --n 4 --steps 60
 """
@@ -33,7 +33,7 @@ class Glue(vx.Effect):
     Parameters
     ----------
     strength : float
-        c_0 > 0, the force per length of glue that has not flowed.
+        c_0 > 0, the initial strength: a force per length.
     way : float
         A_c, the accumulated flow at which a place has lost all strength.
     on : str or sequence of str
@@ -105,7 +105,7 @@ def scene(way=WAY):
 
 
 def mesh(n, family="hexagons"):
-    """Return the lower block in cells of `family`, the upper block in squares, n + 3 across its height."""
+    """Return the lower block in cells of `family`, and the upper block in n + 3 rows of squares."""
     lower = vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHTS[0])))
     upper = vx.meshes.squares(n + 3, box=((0, LENGTH), (HEIGHTS[0], sum(HEIGHTS))))
     return vx.meshes.bodies({"lower": lower, "upper": upper})
@@ -116,7 +116,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw both blocks at t = 1, and the stress over the displacement of the top."""
+    """Draw both blocks at t = 1, and the stress against the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -92,7 +92,7 @@ def torque(history):
 
 
 def picture(history):
-    """Draw the bodies in full slip, and the torque over the angle."""
+    """Draw the bodies in full slip, and the torque against the angle."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

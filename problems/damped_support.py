@@ -1,9 +1,9 @@
-r"""A block on dashpots and springs: it sinks exponentially or creeps.
+r"""A block on dashpots and springs: it sinks exponentially, or creeps without springs.
 
 The block (0, L) x (0, H) of the weight w per area hangs on springs of the stiffness s per length at its top. The base
-rests on dashpots: the pressure on the base is c times the velocity into the support. The block can move along y only.
-Young's modulus is E, and nu = 0. Let a be the sinking of the base and p the pressure of the dashpots. At the height y
-the vertical stress is w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E. Forces balance:
+rests on dashpots: the pressure on the base is c times the downward velocity of the base. The block can move along y
+only. Young's modulus is E, and nu = 0. Let a be the sinking of the base and p the pressure of the dashpots. At the
+height y the vertical stress is w y - p, so that the top sinks by a + (p H - w H^2 / 2) / E. Forces balance:
 
 $$
 s \Big( a + \frac{p H - w H^2 / 2}{E} \Big) + p = w H, \qquad p = c a', \qquad

@@ -9,12 +9,12 @@ $$ N \sin b + T \cos b = P / 2, \qquad M_x = c l P / 6, $$
 
 where M_x is the moment of the forces on the flank of the root about the x-axis.
 
-Friction is at most mu N, so that N stays between the lines of full slip,
+Friction is at most mu N, with the coefficient of friction mu, so that N stays between two limits,
 
 $$ P / (2 (\sin b + \mu \cos b)) \le N \le P / (2 (\sin b - \mu \cos b)). $$
 
-If all nodes slip straight along the flank, N is on the first line while the root slides out, and on the second line
-while the root slides in. Between the lines the root sticks, and N hardly falls when the pull falls.
+If all nodes slip straight along the flank, N equals the lower limit while the root slides out, and the upper limit
+while the root slides in. Between the limits the root sticks, and N hardly falls when the pull falls.
 
     vemcvx run problems/dovetail.py --n 3 --steps 16 --accuracy 1e-6 --plot
 """
@@ -96,7 +96,7 @@ def normal_force(history):
 
 
 def picture(history):
-    """Draw the pulled root in its slot, and the normal force of the flank between the lines of full slip."""
+    """Draw the pulled root in its slot, and the normal force of the flank between its limits."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")

@@ -5,11 +5,11 @@
 The estimate is the sum of the three parts of `vx.error_budget`. The true error is the distance from a reference
 solution:
 
-- Full slip with two Poisson's ratios. The reference is the closed form.
+- The block of `manufactured_full_slip.py` with two Poisson's ratios. The reference is the closed form.
 - The block of Feng, Han and Huang (`feng_han_huang.py`), with n steps on meshes of size 1/n. The reference mesh has
   squares of side 1/256.
 - A load that reverses, on one mesh. The reference has sixteen times as many steps. The estimate is the part for time
-  steps only.
+  steps alone.
 """
 
 from __future__ import annotations

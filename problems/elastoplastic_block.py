@@ -19,7 +19,7 @@ $$
 
 On virtual elements P is constant on each cell K of the area |K|. P couples to the deviatoric strain of Pi u, where Pi
 projects on linear fields. The unknowns are u and the coordinates p of P. Let v and q be test functions, and a_K^h the
-elastic form of a cell. The form a of a cell and the loss j of the block are
+elastic form of a cell. The form a of a cell, the loss j of the block and the multiplier lambda_K of a cell are
 
 $$
 a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot N:\varepsilon(\Pi u)) + |K| (2 \mu
@@ -27,8 +27,7 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-where p.N = P. Each cell has one cone with three components. The stiffness matrix is assembled below from matrices of
-the library.
+where p.N = P. Each cell has one cone with three components.
 
 **Exact on every mesh.** Under the tractions of a uniform stress S(t) on the whole boundary, stress and strain in the
 block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)
@@ -36,9 +35,9 @@ in the basis. Each step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Under shear alone, S_xy = tau, the return mapping is the play operator: p_3 = play_R(sqrt 2 tau) / H. The shear strain
-gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone between instants. If the direction of s changes,
-backward Euler makes an error.
+Let the play play_R(x) stay within R of x, and change only if it must. Under shear alone, S_xy = tau, the return mapping
+is p_3 = play_R(sqrt 2 tau) / H. The shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone
+between instants. If the direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png
 """
@@ -91,10 +90,7 @@ def block(mesh, stress):
 
 
 def _support_unknowns(mesh):
-    """Return the indices of three fixed unknowns: u of the lower left corner, u_y of the lower right corner.
-
-    The reactions there are zero, because the tractions balance.
-    """
+    """Return the indices of three fixed unknowns: u of the lower left corner, u_y of the lower right corner."""
     corner = np.argmin(mesh.points.sum(axis=1))
     other = np.argmax(mesh.points[:, 0] - mesh.points[:, 1])
     return [2 * corner, 2 * corner + 1, 2 * other + 1]

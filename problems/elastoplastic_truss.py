@@ -152,7 +152,7 @@ def load_end(truss, F):
 
 
 def picture(path, truss, F, trajectory):
-    """Draw force over displacement, and the stresses of the bars over their strains."""
+    """Draw force against displacement, and the stresses of the bars against their strains."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 

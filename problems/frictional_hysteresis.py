@@ -1,9 +1,9 @@
 r"""A block sheared back and forth over a rough floor: stick, slip and reversal in closed form, exact on every mesh.
 
-The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 1/4, has the shear modulus mu. The block rests in
-bilateral contact with Tresca friction of the bound g. The top is moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5.
-Tractions +-mu gamma on its sides keep the shear uniform: u = (a + gamma y, 0). The shear gamma and the slip a are, step
-by step,
+The block (0, L) x (0, H), L = 2, H = 1/2, with E = 1000, nu = 1/4, has the shear modulus mu. The block rests on a floor
+in bilateral contact, with Tresca friction of the bound g. The top is moved by U(t) = U0 (0, 1, -1, 1) at
+t = 0, 1, 3, 5. Tractions +-mu gamma on the sides keep the shear uniform: u = (a + gamma y, 0). The shear gamma and the
+slip a are, step by step,
 
 $$ \gamma_n = \operatorname{clip}((U_n - a_{n-1}) / H, \pm g / \mu), \qquad a_n = U_n - \gamma_n H. $$
 
@@ -79,7 +79,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the sheared block at the first reversal, and the loop of friction over the displacement of the top."""
+    """Draw the sheared block at the first reversal, and the loop of friction against the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

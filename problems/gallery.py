@@ -56,7 +56,7 @@ STYLE = {
 
 @cache
 def problem_files():
-    """Return the names of the problem files of this folder: files that define mesh, and scene and times or stages."""
+    """Return the names of the problem files: they define a mesh, and either stages or a scene and times."""
     return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
@@ -126,7 +126,7 @@ def write_page(folder):
     lines = [
         "# Gallery",
         "",
-        "`python problems/gallery.py --page` wrote this page. The file below a picture draws the picture.",
+        "`python problems/gallery.py --page` wrote this page. The file named below a picture draws the picture.",
         "",
     ]
     for path in sorted(folder.glob("*.png")):

@@ -1,19 +1,19 @@
 """Guaranteed error bounds: intervals that contain the exact values, on every mesh.
 
 The displacement is the closed form of `manufactured_full_slip.py`, with t^2 / 1000 in place of t. The left side of the
-block is on rollers, under the shear of the closed form. The tractions of the closed form act on the top and the right
-side, and its body force acts inside. Friction is at its bound along the whole floor. All data are proportional to t^2.
+block is on rollers and bears the shear traction of the closed form. The tractions of the closed form act on the top and
+the right side, and its body force acts inside. Friction is at its bound along the whole floor. All data are
+proportional to t^2.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic
-energy and the mean displacement of the top. These intervals hold on every mesh and contain no unknown constant (W.
-Prager and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5,
-1947). Only the quadrature error of the data is an estimate. The intervals shrink with h.
+energy and the mean displacement of the top. These intervals hold on every mesh and need no unknown constant (W. Prager
+and J. L. Synge, *Approximations in elasticity based on the concept of function space*, Quart. Appl. Math. 5, 1947).
+Only the quadrature error of the data is estimated. The intervals shrink with h.
 
-The bound of a whole history covers the errors of mesh and steps together. If all loads are proportional to one
-increasing function of time, steps make no error: the bounds of this block in one and in sixteen steps differ by 0.1 %.
-The third panel of the picture therefore shows the block of `missed_reversal.py`, whose load reverses between two
-instants of the run. This bound includes an estimate of the error from the missed reversal. With more steps the bound
-decreases towards the bound of the mesh error.
+The bound for a whole history covers the errors of mesh and time steps together. If all loads are proportional to one
+increasing function of time, time steps make no error. The third panel of the picture therefore shows the block of
+`missed_reversal.py`, whose load reverses between two instants of the run. The bound for this block includes an estimate
+of the error from the missed reversal. With more steps the bound decreases towards the bound of the mesh error.
 
     vemcvx run problems/guaranteed_bounds.py --n 16 --steps 8 --bound --plot
 """
@@ -141,7 +141,7 @@ def bounds_over_steps(n, counts):
 
 
 def picture(history):
-    """Draw intervals of energy and mean displacement for several meshes, and error bounds for several step sizes."""
+    """Draw intervals of energy and mean displacement on several meshes, and error bounds against steps."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.6, 3.7), layout="constrained")

@@ -3,10 +3,10 @@
     python problems/hard_cases.py [--picture FILE]
 
 For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
-sentence. For Newton, Clarabel and OSQP the table also has the certified relative energy error of the worst step, the
-largest rounding error of a certificate (floor), the true error if a closed form exists, the most iterations of a step,
-and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked WRONG
-below its case; the command then fails.
+sentence. For Newton, Clarabel and OSQP the table also has maxima over the steps: the certified relative energy error,
+the rounding error of the certificate (floor), and the number of iterations. It has the true error if a closed form
+exists, and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked
+WRONG below its case; the command then fails.
 """
 
 from __future__ import annotations

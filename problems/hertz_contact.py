@@ -57,7 +57,7 @@ def times(steps):
 
 
 def fit_half_ellipse(x, p):
-    """Return a and p0 of the half-ellipse p^2 = p0^2 (1 - (x - m)^2 / a^2) that fits the inner part best; m is free."""
+    """Return a and p0 of the half-ellipse p^2 = p0^2 (1 - (x - m)^2 / a^2), fitted to the points with p > .35 max p."""
     inner = p > 0.35 * p.max()
     curve, tilt, level = np.polyfit(x[inner], p[inner] ** 2, 2)
     top = level - tilt**2 / (4 * curve)

@@ -10,14 +10,14 @@ $$
 p_0 = 3 P / (2 \pi a^2)
 $$
 
-(Johnson, *Contact Mechanics*, 4.2). Each half-space is replaced by a block that extends to 10 a; a quarter of the block
-is computed. Cells have equal widths up to 1.25 a, and then grow outwards. The top is pressed down, there is no
-friction, and P is the sum of the computed contact forces. The radius is computed from the mean of r^2 weighted by the
-contact forces; Hertz' mean is 2/5 a^2. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to all nodal
-pressures (least squares). With n = 8 the radius, the peak and the largest nodal pressure agree with Hertz within 2 %.
-If the upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate by O(h),
-and the largest nodal pressure is 8 % too high. Radius and peak then agree with Hertz within 3.1 %. With n = 12 and
-`upper=9` they agree within 2 %.
+(Johnson, *Contact Mechanics*, 4.2). A block that extends to 10 a replaces each half-space; a quarter of the block is
+computed. Cells have equal widths up to 1.25 a, and then grow outwards. The top is pressed down, there is no friction,
+and P is the sum of the computed contact forces. The radius a is computed from the mean of r^2, weighted by the contact
+forces: this mean is 2/5 a^2 in Hertz' model. For the peak pressure, a half-ellipsoid of Hertz' radius is fitted to all
+nodal pressures (least squares). With n = 8 the radius, the peak and the largest nodal pressure agree with Hertz within
+2 %. If the upper body has cells 4/3 times as wide (`upper=6`), the meshes do not match: nodal pressures oscillate by
+O(h), and the largest nodal pressure is 8 % too high. Radius and peak then agree with Hertz within 3.1 %. With n = 12
+and `upper=9` they agree within 2 %.
 
     vemcvx run problems/hertz_two_balls.py --n 8 --steps 2 --accuracy 1e-6 --plot
 """
@@ -98,7 +98,7 @@ def measure(history, step=-1):
 
 
 def picture(history):
-    """Draw the quarter of the contact, and the pressure over the radius beside Hertz' half-ellipse."""
+    """Draw the quarter of the contact, and the pressure against the radius beside Hertz' half-ellipse."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

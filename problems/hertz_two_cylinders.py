@@ -13,8 +13,8 @@ $$
 (Johnson, *Contact Mechanics*, 4.2). Each half-plane is a block about 40 half-widths wide and 20 high. We compute the
 right half, x > 0. Cells have the width a/n at the contact, and grow outwards. The meshes do not match: in each
 direction the upper body has about 3/4 of the cells of the lower body. The top is pressed down without friction, and P
-is the sum of the computed contact forces. If n = 16, a half-ellipse that is fitted to the nodal pressures has a
-half-width and a peak within .5 % of Hertz' values.
+is the sum of the computed contact forces. For n = 16 a half-ellipse is fitted to the nodal pressures. Its half-width
+and its peak are within .5 % of Hertz' values.
 
     vemcvx run problems/hertz_two_cylinders.py --n 12 --steps 4 --plot
 """

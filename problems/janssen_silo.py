@@ -56,7 +56,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the filling between its walls, and its vertical stress and the pressure on the wall over the depth."""
+    """Draw the filling between its walls, and its vertical stress and the pressure on the wall against the depth."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -76,7 +76,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the joint at t = 2, before it opens, and the forces of bolt and sleeve over the pull."""
+    """Draw the joint at t = 2, before it opens, and the forces of bolt and sleeve against the pull."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

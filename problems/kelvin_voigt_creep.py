@@ -33,7 +33,7 @@ def creep_fraction(instants):
 
 
 def course(t):
-    """Return the constant pull at the instant t over the largest pull."""
+    """Return the pull at the instant t, divided by the largest pull: always 1."""
     return np.ones_like(t)
 
 

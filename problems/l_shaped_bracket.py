@@ -20,7 +20,7 @@ EXPONENT = 0.5444837 - 1.0
 
 
 def course(t):
-    """Return the pull at the instant t over the pull at t = 1."""
+    """Return the pull at the instant t, divided by the pull at t = 1."""
     return t
 
 

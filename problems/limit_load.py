@@ -1,7 +1,7 @@
 r"""Limit loads: the largest force that friction can bear before a body slides, tips or turns.
 
 A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes this load without
-steps, as a cone program, with bounds from both sides. Three bodies have closed forms.
+steps, as a cone program, and gives a lower and an upper bound. Three bodies have closed forms.
 
 *A footing* of the width W bears the weight N and a horizontal force F at the height h. The footing slides or tips at
 
@@ -74,7 +74,7 @@ def plate_limit(points=400):
 
 
 def footing(n, height, family="voronoi"):
-    """Return scene, mesh and load of the footing with a force of 1 at this height."""
+    """Return scene, mesh and load of the footing, with a force of 1 at `height`."""
     scene = vx.Scene(STEEL, vx.Pressure(WEIGHT / WIDTH, on="top"), *floor())
     # A traction that is linear in y, with the force 1 and the moment `height` about the floor.
     load = vx.Traction(lambda x, t: np.outer(4 - 6 * height + (12 * height - 6) * x[:, 1], [1.0, 0.0]), on="left")
@@ -95,7 +95,7 @@ def floor():
 
 
 def push(force=1.0):
-    """Return the load of the plate: a force that grows with time, across the right end."""
+    """Return the load of the plate: a transverse force at the right end, which grows with time."""
     return vx.Traction(lambda x, t: np.tile([0.0, force * t / (BREADTH * THICKNESS), 0.0], (len(x), 1)), on="right")
 
 

@@ -62,7 +62,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the tube that presses on its housing, and the pressure on the housing over the pressure inside."""
+    """Draw the tube that presses on its housing, and the pressure on the housing against the pressure inside."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -1,4 +1,4 @@
-"""A live page: load a block on its obstacle, and see at once which nodes stick and slip, and the certified error.
+"""A live page: change the load on a block, and see at once which nodes stick or slip, and the certified error.
 
     vemcvx app [FILE]
 
@@ -154,7 +154,7 @@ def drawing(name, draw, height=3.4):
     for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
         text.set_fontsize(LETTERS)
     if ax.get_aspect() != "auto":
-        # Labels change the space of the body, so a second pass places the labels again.
+        # Labels leave less space for the body, so a second pass draws the figure again.
         for _ in range(2):
             figure.draw_without_rendering()
     return name, figure, words
@@ -193,14 +193,14 @@ def draw_front(ax, history, step, units):
 
 @app.function
 def draw_energies(ax, history, units):
-    """Draw the energies of all steps over time."""
+    """Draw the energies of all steps against time."""
     energy_ledger(history, ax=ax, units=units)
     ax.set_title("where the work of the forces goes")
 
 
 @app.function
 def draw_loop(ax, history, step, course, units):
-    """Draw the load over the slip of the node that slips farthest. The part after the step is grey."""
+    """Draw the load against the slip of the node that slips farthest. The part after the step is grey."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
     load, now = np.array([course(t) for t in history.times]), history.row(step)

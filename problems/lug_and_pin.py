@@ -1,8 +1,8 @@
-r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates.
+r"""A pin with clearance in a lug, in space: the load turns once around the axis, and friction dissipates energy.
 
 The lug is a ring a < r < b, clamped at its rim. The gap between pin and lug is delta times a. One half of the thickness
 is computed. A shear stress q acts on the end of the pin. For t < 1 the stress rises in the direction x_1. Then the
-direction of the stress, at the angle phi to x_1, turns once about the axis. At each instant, to rounding,
+direction of the stress, at the angle phi to x_1, turns once about the axis. At each instant, up to rounding,
 
 $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin \phi), $$
 

@@ -4,11 +4,11 @@ Let w(x) be the displacement of `manufactured_full_slip.py` at t = 1. The block 
 
 $$ u = \phi(t) w(x), \qquad \phi(t) = 1 / 2 + \min(t, 1 / 2), \qquad 0 \le t \le 1, $$
 
-in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Equations are numbered as by
-Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its bound. So the
-initial displacement u_0 = w / 2 is not a state of rest. But u_0 satisfies the condition (2.1): loads and friction at
-the bound balance the stresses. At t = 1/2 the block stops. From then on all nodes stick: the bound exceeds the friction
-by b (t - 1/2) with b = `rise`.
+in thousandths of the unit of length. Stresses are in thousandths of the shear modulus. Equations are numbered as in the
+paper by Feng, Han and Huang (`feng_han_huang.py`). At t = 0 the block is strained and slips, with friction at its
+bound. So the initial displacement u_0 = w / 2 is not a state of rest. But u_0 satisfies the condition (2.1): loads and
+friction at the bound balance the stresses. At t = 1/2 the block stops. From then on all nodes stick: the bound exceeds
+the friction by b (t - 1/2) with b = `rise`.
 
 Runs begin from the projection P^h u_0 of (2.11). With an odd number N of steps of length k = 1 / N, the block stops in
 the middle of a step. At the end of that step the bound exceeds the friction of the exact solution by b / (2 N), so that

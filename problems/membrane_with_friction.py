@@ -19,9 +19,9 @@ $$ K_{ij} = A G_i\cdot G_j + ((I - \Pi)'(I - \Pi))_{ij} \qquad (\text{dofi-dofi}
 
 Each vertex of a cell gets an equal part of the integral of f over the cell. The bound g is distributed in the same way.
 
-**Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. The lower edge is
-pulled by q(t) and held by friction, with u = a. The sides are free. Then u = a (1 - y/H), lambda = q - a/H, and after
-step n
+**Exact on every mesh: a strip pulled at its rough edge.** The strip (0, L) x (0, H) has u = 0 on top. The load q(t)
+pulls the lower edge, friction opposes the motion, and the edge has the displacement u = a. The sides are free. Then
+u = a (1 - y/H), lambda = q - a/H, and after step n
 
 $$ a_n = \operatorname{clip}(a_{n-1}, H (q_n - g), H (q_n + g)). $$
 
@@ -55,7 +55,7 @@ from vemcvx.vem.stabilisation import products_of_remainder
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
-"""Turning points of the pull q on the table; below g L slip does not reach the held end."""
+"""Turning points of the pull q on the table; if |q| < g L, slip does not reach the held end."""
 PEAK = 5.0
 EDGE_PULL = course((0, PEAK, -PEAK, PEAK), first=2.5)
 """Pull q at the rough edge of the strip; the peaks `PEAK` exceed g."""
@@ -70,7 +70,7 @@ class Membrane(NamedTuple):
     rough: np.ndarray
     """Nodes of the friction terms."""
     measures: np.ndarray
-    """The part of the rough area or length that belongs to each node of `rough`."""
+    """The area or the length of friction that belongs to each node of `rough`."""
 
 
 def scalar_stiffness(mesh):

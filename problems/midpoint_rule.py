@@ -1,4 +1,4 @@
-r"""Why backward Euler: comparison with the midpoint rule, on the slip of one block.
+r"""Backward Euler compared with the midpoint rule, on the slip of one block.
 
 Let a be the elastic form, |.|_a its energy norm, and j the friction functional. The displacements whose forces friction
 can balance form the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the projection on
@@ -23,25 +23,25 @@ $$ m = \text{ backward Euler from } u_{n-1} \text{ to } t_{n-1/2}, \qquad u_n = 
 The midpoint rule maps z by 2 P_C - 1. This map is nonexpansive, like P_C, so errors of the solver do not grow. The
 midpoint rule has three defects:
 
-1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound, and (2.1)
-   fails at the beginning of the next step.
+1. In the middle of a step z is in C, but at the end z may be outside of C. Then friction exceeds its bound at the
+   beginning of the next step.
 2. Oscillations do not decay. P_C is firmly nonexpansive, but a reflection may keep all distances. Suppose that a place
    begins to slip inside a step of length k. At the end of this step z is beyond its bound by some eta <= k |u_l'| / 2,
    at the end of the next step z is below its bound by eta, and so on forever. From then on the order is 1.
-3. The midpoint rule has the order 2 only where slips are smooth: where they change their direction, but neither begin
-   nor end.
+3. The midpoint rule has the order 2 only where slip is smooth: where slip changes its direction, but neither begins nor
+   ends.
 
-Backward Euler has the order 1 where slips turn gradually. Suppose that slips keep their direction, and that no slip
-stops or reverses inside a step. Then backward Euler is *exact* at the ends of steps, because the slip of the whole step
-obeys the law of friction at the end of the step. Slips of plane bodies do not turn, but only stop or reverse. The
-reversals of the loads should therefore be instants (:func:`vemcvx.instants`). The dissipation
-(`dissipated_second_order`) is then of second order in the step.
+Backward Euler has the order 1 where slip turns gradually. Suppose that slip keeps its direction, and neither stops nor
+reverses inside a step. Then backward Euler is *exact* at the ends of steps, because the slip of the whole step obeys
+the law of friction at the end of the step. The slip of a plane body does not turn: it only stops or reverses. The loads
+should therefore reverse at instants of the run (:func:`vemcvx.instants`). The dissipation `dissipated_second_order`
+then has an error of second order in the step.
 
     python problems/midpoint_rule.py [--picture FILE]
 
 The experiments use the block of `circular_hysteresis.py`: u is the place of its sole, and u_l the place of its top. The
 radius of the disc C is the unit of length. In the first experiment, the top is pulled straight there and back. In the
-second, the slip turns, and the start is the exact state. In the third, the top is pulled from rest and turns
+second, the slip turns, and the sole starts at its exact place. In the third, the top is pulled from rest and turns
 afterwards. In the first and in the third, slip begins inside a step.
 """
 
@@ -106,7 +106,7 @@ def around(t):
 
 
 def turning(t):
-    """Return the place of the sole under `around`, on a circle of radius rho, to which z = u_l - u is tangent."""
+    """Return the place of the sole under `around`: a point of a circle to which z = u_l - u is tangent."""
     rho = np.sqrt(R**2 - 1.0)
     angle = 2 * np.pi * t - np.arccos(rho / R)
     return rho * np.array([np.cos(angle), np.sin(angle)])
@@ -171,7 +171,7 @@ TITLES = {
 
 
 def picture(found, steps=STEPS):
-    """Draw errors over steps, with lines of the orders one and two."""
+    """Draw errors against numbers of steps, with lines of the orders one and two."""
     figure = new_figure(10.5, 3.8)
     axes = figure.subplots(1, len(TITLES), sharey=True)
     k = 1 / np.array(steps)

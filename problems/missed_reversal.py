@@ -59,7 +59,7 @@ def largest_distance(history, reference):
 
 
 def picture(history):
-    """Draw the stress left in the unloaded block, and the slip of the pulled corner over the load."""
+    """Draw the stress left in the unloaded block, and the slip of the left corner against the load."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")
@@ -70,7 +70,7 @@ def picture(history):
     graph.plot(course(fine.times), fine.contact.slip[:, corner, 0], "k-", label="200 steps, the reversal met")
     words = f"{history.steps} steps, the reversal missed"
     graph.plot(course(history.times), history.contact.slip[:, corner, 0], "C0o-", linewidth=0.8, label=words)
-    graph.set(xlabel="load / largest load", ylabel="slip of the pulled corner (mm)")
+    graph.set(xlabel="load / largest load", ylabel="slip of the left corner (mm)")
     error = largest_distance(history, vx.simulate(scene(), history.mesh, times(2 * history.steps)))
     graph.set_title(f"largest error: {100 * error:.2g} % in the energy norm", fontsize="small")
     graph.grid()

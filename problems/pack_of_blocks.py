@@ -1,4 +1,4 @@
-r"""A pack of blocks under one plate: they slide one by one, with a loop in closed form.
+r"""Blocks under one plate slide one by one: the loop of force and displacement has a closed form.
 
 Bearings of length L stand in a row between the ground and a plate. The plate moves by U(t) = U0 (0, 1, -1, 1) at t = 0,
 1, 3, 5, linearly in between. Each bearing consists of two blocks with the friction bound g_i between them. The sides of
@@ -83,7 +83,7 @@ def scene():
 
 
 def mesh(n, family="hexagons"):
-    """Return lower blocks of n cells of `family` across, and upper blocks of n + 1 squares across."""
+    """Return lower blocks with n cells of `family` across their width, and upper blocks with n + 1 squares."""
     blocks, joints = {}, {}
     for i, joint in enumerate(JOINTS):
         ends = i * (LENGTH + GAP), i * (LENGTH + GAP) + LENGTH

@@ -4,14 +4,15 @@
 
 The command draws four figures and prints their data: the meshes (Fig. 1), the tangential displacement on each mesh
 (Fig. 2), errors relative to a run with cells and time steps of 1/256 (Table 1 and Fig. 3), and the numbers of nodes of
-polygon and triangle meshes (Fig. 4). The paper's printed numbers are listed beside ours: first with the stabilisation
-S_K of (3.13), then with 2 mu S_K, our default. The notes below the tables state the differences and their known causes.
+polygon and triangle meshes (Fig. 4). The paper's printed numbers are listed beside our numbers: first for the
+stabilisation S_K of (3.13), then for 2 mu S_K, our default. The notes below the tables state the differences and their
+known causes.
 
-S_K has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero are then very
-soft. Loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a side and the
-time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the factor 1
-they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24 nonconvex
-cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
+S_K has the factor 1 in place of 2 mu = 154 daN/mm^2. Displacements that the projection Pi maps to zero then need very
+small forces. The loads bend the cells on which they act, and less of the load reaches the contact. With 96 cells a side
+and the time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all meshes with the factor 2 mu. With the
+factor 1 they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24
+nonconvex cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
 
 The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
 This command prints only the deviations:
@@ -245,7 +246,7 @@ def nearest_to_print(every: dict[str, Errors], sizes: Sequence[int]) -> list[str
 
 
 def figure_3(every: dict[str, Errors], sizes: Sequence[int]):
-    """Draw errors over h = k, one panel for each stabilisation."""
+    """Draw errors against h = k, one panel for each stabilisation."""
     figure = new_figure(10.0, 4.6)
     h = 1 / np.array(sizes)
     panels = figure.subplots(1, len(every), sharey=True)
@@ -321,7 +322,7 @@ NOTE_4 = (
 
 
 def figure_4(rows: Sequence[tuple[int, int, int, int, int, float]]):
-    """Draw nodes over elements."""
+    """Draw the number of nodes against the number of elements."""
     figure = new_figure(6.0, 4.2)
     ax = figure.subplots()
     count = [row[0] for row in rows]

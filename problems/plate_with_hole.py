@@ -1,4 +1,4 @@
-r"""A plate with a hole, pulled: the stress at the rim of the hole is three times the pull.
+r"""A pulled plate with a hole: the stress at the rim of the hole is three times the pull.
 
 A large plate with a hole of radius R is under the tension S along x (Kirsch, Z. VDI 42, 1898). Let z = x + iy, let mu
 be the shear modulus, and let kappa = (3 - nu) / (1 + nu), as in plane stress. The potentials phi and psi give

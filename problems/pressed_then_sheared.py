@@ -75,7 +75,7 @@ def mesh(n, family="squares"):
 
 
 def picture(history):
-    """Draw the block at the last instant, and the reaction of the top over its displacement in the second stage."""
+    """Draw the block at the last instant, and the reaction of the top against its displacement in the second stage."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -34,7 +34,7 @@ def opening(x, p):
 
 
 def measure_opening(history):
-    """Return places x (m,) along the crack, and openings (S, m) at all stored steps."""
+    """Return places x (m,) along the crack, and the openings at all stored steps, one row per step."""
     contact, u = history.contact, history.displacement
     jump = u[:, contact.nodes] - u[:, contact.partners]
     return contact.points[:, 0], -np.einsum("smd,md->sm", jump, contact.normals)

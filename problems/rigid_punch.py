@@ -9,9 +9,10 @@ p(x) = P (1 + 2 e x / a^2) / (\pi \sqrt{a^2-x^2}), \qquad e \le a / 2,
 \qquad \text{rotation } = 4 (1 - \nu^2) P e / (\pi E a^2) \text{ clockwise}.
 $$
 
-If e > a / 2, the punch lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to a / 2.
-In place of the half-plane we compute a block of width 16a and depth 8a, clamped below. The block is stiffer than the
-half-plane by a fraction O(a / depth). The pressure is infinite at the edges, so errors of nodal forces are O(h / a).
+If e > a / 2, the punch lifts off on one side. Here the force acts in the middle until t = 1/4, and then moves to
+e = a / 2. In place of the half-plane we compute a block of width 16a and depth 8a, clamped below. The block is stiffer
+than the half-plane by a fraction O(a / depth). The pressure is infinite at the edges, so errors of nodal forces are
+O(h / a).
 
     vemcvx run problems/rigid_punch.py --n 6 --steps 8 --plot
 """

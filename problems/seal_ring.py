@@ -14,10 +14,10 @@ u_r = A (r - a^2 / r), \quad A = -\frac{\delta b}{b^2 - a^2}, \quad e_z = -\frac
 p(r) = q + 2 G e_z - 2 G A (1 + a^2 / r^2).
 $$
 
-Incompressible rubber has e_z = -2 A. Then the contact pressure exceeds q by -2 G A (3 + a^2 / r^2), the pressure of the
-squeeze, however large q is. Friction bears a part of the force of q until the ring reaches the upper wall. Then the
-ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths of the pressure of
-the squeeze. The force of q, the force of the wall and friction balance to rounding.
+Incompressible rubber has e_z = -2 A. Then the contact pressure exceeds q by -2 G A (3 + a^2 / r^2), the squeeze
+pressure, however large q is. Friction bears a part of the force of q until the ring reaches the upper wall. Then the
+ring cannot move, and the contact pressure grows as fast as q: it exceeds q by at least four fifths of the squeeze
+pressure. The forces of q, of the wall and of friction balance up to rounding.
 
 `wall_pressure` leaves out the nodes at the upper corners, on which two walls act.
 

@@ -1,8 +1,8 @@
 r"""Shakedown: the largest amplitude of a cycle at which slip stops after some cycles.
 
 A block (0, L) x (0, H) with the shear modulus G lies on a rough floor, from which it cannot lift. The friction bound
-grows along the floor from g_0 to g_1. While the floor sticks, the block is sheared uniformly. `vx.shakedown` computes,
-without steps, the largest factor of the amplitude for which slip stops. For three cycles this factor has a closed form.
+grows along the floor from g_0 to g_1. While the block sticks, it is sheared uniformly. `vx.shakedown` computes, without
+steps, the largest factor of the amplitude for which slip stops. For three kinds of cycle this factor has a closed form.
 
 *The top moves* between 0 and U. Friction per length then runs through a range of the width G U / H. Earlier slip may
 add constant friction forces, which shift this range. The range must fit between -g_0 and g_0, the bounds of the weakest
@@ -16,9 +16,9 @@ radius G R / H, which must fit into the disc of the radius g. The factor is g H 
 *The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so the sum of the added
 forces is zero. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
 
-By Melan's theorem, added forces give a lower bound of the factor. By Koiter's theorem, a cycle of slips gives an upper
-bound. The run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a positive
-limit. With .98 times the factor slip stops, although the first cycles slip.
+By Melan's theorem, the added forces give a lower bound of the factor. By Koiter's theorem, a cycle of slips gives an
+upper bound. The run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a
+positive limit. With .98 times the factor slip stops after some cycles.
 
     vemcvx run problems/shakedown.py --n 4 --steps 200 --plot
 """
@@ -29,7 +29,7 @@ import vemcvx as vx
 
 LENGTH, HEIGHT, YOUNG = 2.0, 1.0, 2000.0
 G = YOUNG / 2
-"""The shear modulus without Poisson's effect."""
+"""The shear modulus for nu = 0."""
 WEAK, STRONG = 1.0, 3.0
 """The friction bounds g_0 and g_1 at both ends of the floor."""
 MOVE, RADIUS, SHEAR = 0.004, 0.003, 1.6

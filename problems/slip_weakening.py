@@ -15,8 +15,8 @@ $$
 \quad \text{else } |da| = (|\mu(U - a) / H| - g_r) / (\mu/ H).
 $$
 
-If k < mu / H, a step has one solution. For larger k the block would jump. The effect passes k as `softening`, and a
-warning is issued if k is too large for the stiffness of the block.
+If k < mu / H, a step has one solution. For larger k the block would jump. The effect passes k to the package, which
+warns if k is too large.
 
 Backward Euler agrees with the closed form at every instant, if steps end at the reversals of the top.
 
@@ -115,7 +115,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the block at the first reversal, and friction over the displacement of the top."""
+    """Draw the block at the first reversal, and friction against the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

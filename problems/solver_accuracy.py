@@ -1,11 +1,11 @@
 r"""The cost of algebraic accuracy: requested, certified and true errors of every solver.
 
-Every solver solves two steps of `feng_han_huang.py` with several requested accuracies. A friction term i is
-*degenerate* if its friction is at its bound, |lam_i| = w_i, and its slip s_i is zero. In the step *growing* the load
-grows from 3/4 to 1, and no term is degenerate. In the step *return* the load grows again from 1/2 to 1 after an
-unloading, and nearly half of the terms are degenerate. The condensed program has one unknown per contact node; the full
-program has all unknowns. The solvers also solve the chain of `spring_slider_chain.py`, which has degenerate steps and a
-closed form.
+Every solver solves two steps of `feng_han_huang.py` with several requested accuracies. Contact node i has one friction
+term. The term is *degenerate* if its friction lam_i is at the bound, |lam_i| = w_i, and the slip of the node is zero.
+In the step *growing* the load grows from 3/4 to 1, and no term is degenerate. In the step *return* the load grows again
+from 1/2 to 1 after an unloading, and nearly half of the terms are degenerate. The condensed program has one unknown per
+contact node; the full program has all unknowns. The solvers also solve the chain of `spring_slider_chain.py`, which has
+degenerate steps and a closed form.
 
 Every solution u is compared with Newton's solution u*, which is certified to rounding. Let gap(u) be the duality gap,
 and floor(u) the part of the gap that rounding may cause. With the stiffness K of all unknowns,
@@ -15,11 +15,10 @@ $$
 \sqrt{2 \, \text{gap}(u^*)} + \sqrt{2 \, \text{floor}(u^*)}.
 $$
 
-All errors are relative to the largest |u*|_K up to the step. A row that violates this bound is printed as WRONG, and
-the exit code of the command is 1. Seconds are the median processor time of the step over the repetitions, in one
-thread. In each repetition the solver first solves the step before. The time of set-up includes factorisation and
-condensation. The requested accuracies get stricter until a solver misses an accuracy. The seconds of a miss include a
-second attempt.
+All errors are relative to the largest |u*|_K up to the step. A row of the table that violates this bound is marked
+WRONG, and the exit code of the command is 1. Seconds are the median processor time of a step, in one thread. The time
+of set-up includes factorisation and condensation. The requested accuracies get stricter until a solver misses an
+accuracy. The seconds of a miss include a second attempt.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
@@ -37,8 +36,9 @@ Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
   and 175 to 2,975 iterations with degenerate terms. The full program takes 175 to 425 iterations without degenerate
   terms, and 100 to 325 iterations with degenerate terms. The accuracy 1e-10 takes 1.2 to 2.5 times as long as 1e-2.
 - Newton's method reaches rounding after finitely many iterations, so a higher accuracy costs nothing.
-- In one of the two steps HiGHS 1.15 reports an answer as optimal whose error is 14 %; in the other its answer is right.
-  The certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 3.8e-9 and to rounding.
+- In one of the two steps HiGHS 1.15 reports an answer with an error of 14 % as optimal; in the other step its answer is
+  right. The certificate shows which answer is wrong. HiGHS 1.16 is right in both steps, certified to 3.8e-9 and to
+  rounding.
 
     python problems/solver_accuracy.py [--n 32] [--repeats 5] [--table FILE.csv] [--picture FILE.png]
 """
@@ -249,7 +249,7 @@ def run_loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Draw certified errors (above) and true errors (below) over seconds, with a column for each program."""
+    """Draw certified errors (above) and true errors (below) against seconds, with a column for each program."""
     names = list(dict.fromkeys(row.solver for row in rows))
     figure = new_figure(12.0, 7.2)
     columns = [(name, form) for name in STEPS for form in FORMS]

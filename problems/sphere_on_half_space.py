@@ -20,9 +20,9 @@ Therefore the approach is prescribed, P is computed, and radius and pressure are
 P. With cylinders half or twice as large, radius and peak change by at most .1 %.
 
 Cells are squares that are halved five times towards the contact, with hanging nodes. At the contact the side of a cell
-is 3 a / (4 n). The radius is computed from the mean of r^2 weighted by the contact forces; Hertz' mean is 2/5 a^2. The
-peak is the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within .6 %. Stresses on
-the axis differ from the closed form by at most 1 % of p_0.
+is 3 a / (4 n). The radius a is computed from the mean of r^2, weighted by the contact forces: this mean is 2/5 a^2 in
+Hertz' model. The peak is the largest nodal pressure. With n = 16 (1321 cells) radius and peak agree with Hertz within
+.6 %. Stresses on the axis differ from the closed form by at most 1 % of p_0.
 
     vemcvx run problems/sphere_on_half_space.py --n 16 --steps 4 --plot
 """
@@ -95,7 +95,7 @@ def stresses_near_axis(history):
 
 
 def picture(history):
-    """Draw the body near the contact, and pressure over radius and stresses over depth beside closed forms."""
+    """Draw the body near the contact, and pressure against radius and stresses against depth, beside closed forms."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -12,9 +12,9 @@ $$ |\text{traction}| = \mu p_0 (\sqrt{1-r^2/a^2} - \tfrac ca \sqrt{1-r^2/c^2}), 
 
 where the second root is replaced by 0 for r > c (Johnson, 7.2). Here nu = .45. The closed form neglects the small slip
 at right angles to Q. The block extends 6 a to all sides. Unlike a half-space, the pressed block widens, so that contact
-nodes move sideways. Friction therefore acts only after pressing, from t = 1 on. One half of the block is computed. At
-the contact, cells are a/n wide and high; their widths and heights grow away from the contact. The top is pressed down
-and then dragged without rotation; P and Q are computed.
+nodes move sideways. Friction therefore acts only from t = 1 on, when the block has been pressed. One half of the block
+is computed. At the contact, cells are a/n wide and high; their widths and heights grow away from the contact. The top
+is pressed down and then dragged without rotation; P and Q are computed.
 
 With n = 8 the radius a is 3 % smaller, and the pressure p_0 is 4 % larger, than Hertz' values. If the cells near the
 contact are cubes (`quarter`), both agree within 2 %. In r < c / 2, friction is 4 to 7 % below the closed form. The
@@ -118,7 +118,7 @@ def stick_radius(history):
 
 
 def picture(history):
-    """Draw the contact at the end, and pressure and friction over the radius."""
+    """Draw the contact at the end, and pressure and friction against the radius."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

@@ -15,8 +15,8 @@ solution of each system is a sum of weighted plays.
 1. **Chain.** The force F(t) pulls at the end u_0. Spring 0 joins this end to block 1, spring j joins block j to block
    j + 1, and spring N joins the last block to a wall, u_{N+1} = 0. Spring j has the stiffness k_j. Block i slides on
    the floor with the friction bound w_i. K is tridiagonal, with the energy 1/2 sum_j k_j (u_j - u_{j+1})^2. Friction at
-   block i reduces the force T_{i-1} of spring i - 1 to T_i = play_{w_i}(T_{i-1}), because u_i moves when T_i does, in
-   the same direction. Hence, with T_0 = F and r_j = w_1 + ... + w_j,
+   block i reduces the force T_{i-1} of spring i - 1 to T_i = play_{w_i}(T_{i-1}), because u_i and T_i change at the
+   same times and in the same direction. Hence, with T_0 = F and r_j = w_1 + ... + w_j,
 
    $$ T_j = \operatorname{play}_{r_j}(F), \qquad u_i = \sum_{j \ge i} T_j / k_j, \qquad \lambda_i = T_{i-1} - T_i. $$
 
@@ -144,7 +144,7 @@ def march(system, values, solver=None):
 
 
 def picture(path, force, u, strain, stress):
-    """Draw the force over the displacement of the chain, and the parallel elements that invert it."""
+    """Draw the force against the displacement of the chain, and the stress of the parallel elements."""
     from vemcvx.base.canvas import new_figure
     from vemcvx.plots.style import SERIES
 

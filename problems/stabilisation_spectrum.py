@@ -12,9 +12,9 @@ in shear and contains the mean dilatation,
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
-This form does not lock. The last column is the least S / (a_mu + a_lam), at nu = .499999 unless the row names nu. This
-ratio goes to zero like 1 / lam *because* S does not contain lam: S does not penalise variations of the dilatation
-within a cell.
+This form does not lock. The last column of the chart is the least S / (a_mu + a_lam), at nu = .499999 unless the row
+names nu. For large lam this ratio goes to zero like 1 / lam, *because* S does not contain lam: S does not penalise
+variations of the dilatation within a cell.
 
 On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. For these two fields S / a_mu is
 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a
@@ -50,7 +50,7 @@ POISSONS = (0.3, 0.45, 0.499, 0.499999)
 
 
 def local_size(points, corners, smallest):
-    """Return the largest size of triangles at points: a fraction of the distance to the nearest vertex."""
+    """Return the largest allowed size of triangles at points: a fraction of the distance to the nearest vertex."""
     away = np.linalg.norm(points[:, None] - corners[None], axis=2).min(axis=1)
     return np.clip(GRADING * away, smallest, COARSE)
 

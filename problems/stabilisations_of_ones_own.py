@@ -1,9 +1,9 @@
 """Two user-defined stabilisations: their patch test, their orders, and their effect on incompressible bodies.
 
-Let Pi be the projection on linear fields. The stabilisation S(v - Pi v, w - Pi w) is the energy of the remainders of
-the fields v and w. A class with one method defines S for each cell K. The scene takes an object of this class, as in
-``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance of two runs
-(`vx.measures.energy_distance`) use the form a^h with this stabilisation.
+Let Pi be the projection on linear fields. The stabilisation S(v - Pi v, w - Pi w) is the discrete energy of the
+remainders of two fields v and w. A class with one method defines S for each cell K. The scene takes an object of this
+class, as in ``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the error budget and the nodal distance of
+two runs (`vx.measures.energy_distance`) use this stabilisation.
 
 boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b, and m the mean of |e|. This is
             mu m / 2 times the integral over dK of d_s v . d_s w, with the slopes d_s along edges. S. Brenner and Sung,
@@ -13,10 +13,11 @@ D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the shape f
             F. Dassi and A. Russo, High-order virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
 
 On a square the hourglass v = (1, -1, 1, -1) changes by 2 along each of four edges. So its boundary form is
-mu / 2 * 16 = 8 mu, which equals our default 2 mu sum_i v_i^2. On a square of side a the diagonal
-a_K(Pi phi_i, Pi phi_i) is (lam + 3 mu) / 4, because the mean gradient of phi_i is (+-1, +-1) / (2 a). The diagonal is
-at most mu if lam <= mu, that is up to Poisson's ratio 1/4. So up to this ratio the D-recipe is half of our default. For
-larger ratios the D-recipe grows with lam, and locks; deviatoric=True uses a_K with lam = 0.
+mu / 2 * 16 = 8 mu, which equals our default 2 mu sum_i v_i^2. Let a_K be the elastic form of the cell K. On a square of
+side h the diagonal a_K(Pi phi_i, Pi phi_i) is (lam + 3 mu) / 4, because the mean gradient of phi_i is
+(+-1, +-1) / (2 h). The diagonal is at most mu if lam <= mu, that is up to Poisson's ratio 1/4. Up to this ratio the
+D-recipe is therefore half of our default. For larger ratios the D-recipe grows with lam, and locks; deviatoric=True
+uses a_K with lam = 0.
 
     python problems/stabilisations_of_ones_own.py [--picture FILE]
 """
@@ -107,7 +108,7 @@ def exact_strain(x, t, lam):
 
 
 def picture(found):
-    """Draw errors over the size of cells for every stabilisation, at two Poisson's ratios."""
+    """Draw errors against the size of cells for every stabilisation, at two Poisson's ratios."""
     figure = new_figure(9.0, 4.2)
     axes = figure.subplots(1, 2, sharey=True)
     for ax, poisson in zip(axes, (0.3, NEAR), strict=True):

@@ -1,18 +1,18 @@
-r"""A strip held at one end on a belt that moves back and forth: partial slip, and the force of the hold.
+r"""A belt moves back and forth under a strip that is held at one end: partial slip, and the force of the support.
 
 The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
 x = 0. The belt moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. In the rod model, u is the displacement. Next to the
-hold, over a length l, the rod slips, and friction pulls the rod along. Beyond l the rod moves with the belt:
+support, over a length l, the rod slips, and friction pulls the rod along. Beyond l the rod moves with the belt:
 
 $$
 E H u'' = -g, \qquad u(0) = 0, \qquad u(l) = U, \qquad u'(l) = 0: \qquad u = U - g (l - x)^2 / (2 E H),
 \qquad l = (2 E H U / g)^{1/2}.
 $$
 
-So the force of the hold is F(U) = g l. For U >= U* = g L^2 / (2 E H) all of the strip slips, and F = g L. When
-the belt reverses at U1, friction reverses in a zone that grows from the hold. By Masing's rule (1926), the force of the
-hold is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* +
-g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
+So the force of the support is F(U) = g l. For U >= U* = g L^2 / (2 E H) all of the strip slips, and F = g L. When the
+belt reverses at U1, friction reverses in a zone that grows from the support. By Masing's rule (1926), the force of the
+support is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* + g L
+(U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """
@@ -34,7 +34,7 @@ def move_belt(t):
 
 
 def hold(t):
-    """Return the force F of the hold, by the rod model."""
+    """Return the force F of the support, by the rod model."""
 
     def first(U):
         return BOUND * LENGTH * np.minimum(np.sqrt(U / FULL), 1.0)
@@ -68,7 +68,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the strip in the first motion of the belt, and the force of the hold over the displacement of the belt."""
+    """Draw the strip in the first motion of the belt, and the force of the support against the belt's displacement."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")
@@ -80,7 +80,7 @@ def picture(history):
     graph.plot(move_belt(history.times), -history.reaction("left")[:, 0], "C0o", label="computed")
     for sign in (1, -1):
         graph.axhline(sign * BOUND * LENGTH, color="0.5", linestyle="--", linewidth=1.0)
-    graph.set(xlabel="displacement of the belt (mm)", ylabel="force of the hold (N/mm)")
+    graph.set(xlabel="displacement of the belt (mm)", ylabel="force of the support (N/mm)")
     graph.grid()
     graph.legend(loc="lower right")
     return figure

@@ -74,7 +74,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw the free end of the heated bar, and the loop of its displacement over the temperature."""
+    """Draw the free end of the heated bar, and the loop of its displacement against the temperature."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")

@@ -71,7 +71,7 @@ def times(steps):
 
 
 def picture(history):
-    """Draw both blocks at the first reversal, and the loop of friction over the displacement of the top."""
+    """Draw both blocks at the first reversal, and the loop of friction against the displacement of the top."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.4, 3.9), layout="constrained")

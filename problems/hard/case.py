@@ -3,7 +3,7 @@
 Let u_n be the answer to step n, gap_n its certified duality gap, and |.|_a the energy norm. Let u_n' be the answers of
 a run in which every step is solved exactly. Then
 
-    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + the stated rounding floors.
+    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + bounds of rounding errors.
 
 If a case has a closed form, the left side is measured. The answers of two solvers may differ by at most the sum of
 their bounds. A solver that misses its accuracy must report the failure.

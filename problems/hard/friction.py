@@ -37,7 +37,7 @@ def breathes(x, t):
 
 
 def every_other():
-    """Return the setting of a bound that is zero at every other node of the floor."""
+    """Return a setting whose friction bound is zero at every other node of the floor."""
     mesh = vx.meshes.squares(12)
     return on(mesh, bound=lambda x, t: np.where(np.round(x[:, 0] * 12) % 2 == 0, 0.0, 8.0))
 

@@ -1,4 +1,4 @@
-"""Scenes of the cases: the block of Feng, Han and Huang, and a sheared block in closed form; meshes of unit squares."""
+"""Scenes of the cases: the block of Feng, Han and Huang, and a sheared block in closed form. Unit squares as meshes."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ ROUNDING = 1e-10
 
 
 def check_inside(bound, exact, error=0.0):
-    """Check that bounds enclose `exact` up to `error`, and return the width of the interval."""
+    """Check that the bounds enclose `exact` up to `error`, and return the width of the interval."""
     slack = ROUNDING * (abs(exact) + abs(bound.value)) + error
     assert bound.low - slack <= exact <= bound.high + slack
     return bound.high - bound.low

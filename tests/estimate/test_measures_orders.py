@@ -1,4 +1,4 @@
-"""Observed orders: O(h) for all families and lambda, and O(k) if steps miss a reversal."""
+"""Observed orders: O(h) for all families and lambda, and O(k) if the steps miss a reversal."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_energy_errors_hardly_depend_on_lambda(family, sizes):
 @pytest.mark.long
 @pytest.mark.parametrize("family", ["squares", "voronoi"])
 def test_errors_are_of_first_order_in_the_step_if_a_reversal_is_missed(family):
-    """With even numbers of steps, a step ends at the reversal and the run is exact."""
+    """With an even number of steps, a step ends at the reversal and the run is exact."""
     mesh, steps = reversal.mesh(10, family), np.array([9, 27, 81])
     reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * 81))
     contact = reference.contact.sticking

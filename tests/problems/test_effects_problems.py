@@ -27,7 +27,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
 
 
 def deflect(n, *grain):
-    """Return the deflection of the strip with n squares across it, and the largest reaction of its rollers."""
+    """Return the deflection of a strip with n squares across the height, and the largest reaction of its rollers."""
     history = vx.simulate(strip.scene(*grain), strip.mesh(n), strip.times(1))
     x, u = history.mesh.points[:, 0], history.displacement[-1, :, 1]
     return u[x == strip.LENGTH].mean() - u[x == 0].mean(), np.abs(history.reaction("left")[-1]).max()

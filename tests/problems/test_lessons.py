@@ -1,6 +1,6 @@
 """Every lesson runs cell by cell, as in a notebook, and has the parts that every lesson must have.
 
-The cells of a lesson assert the numbers that their text claims; these tests do not repeat them.
+The cells of a lesson check the numbers in the text. These tests do not repeat the checks.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def test_a_block_with_grain_is_exact_on_every_mesh(family):
     exact = np.stack([a[:, None] + gamma[:, None] * history.mesh.points[:, 1], lifted], axis=2)
     size = np.abs(stress).max()
     assert np.abs(history.displacement - exact).max() < FLOOR * np.abs(exact).max()
-    # Errors of forces are errors of energies times the condition number of the contact problem.
+    # The condition number of the contact problem multiplies the errors of forces.
     assert np.abs(contact.pressure + stress[:, 1:2]).max() < 10 * FLOOR * size
     assert np.abs(contact.traction[:, :, 0] + stress[:, 2:]).max() < 10 * FLOOR * size
 

@@ -1,4 +1,4 @@
-"""The problems in space against their closed forms, balances of forces and bounds."""
+"""The problems in space, compared with closed forms, force balances and bounds."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
 @pytest.mark.long
 @pytest.mark.parametrize(("n", "target"), [(16, 0.2), pytest.param(24, 0.17, marks=pytest.mark.slow)])
 def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
-    """The mesh of equal cubes for comparison has a larger true error."""
+    """The compared mesh of equal cubes has a larger true error."""
     found = bracket.adapt(target)
     equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
     assert bracket.relative_error(found) < min(target, bracket.relative_error(equal))

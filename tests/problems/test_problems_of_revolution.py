@@ -1,4 +1,4 @@
-"""The problems of bodies of revolution: closed forms, and balances of forces over the whole circumference."""
+"""The problems with bodies of revolution, compared with closed forms. Forces balance over the whole circumference."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ STEEL = vx.Elasticity(1000.0, 0.3)
 
 
 def assert_balanced(history, scene=None):
-    """Check that forces and loads balance in total and at every node."""
+    """Check that the forces and loads balance in total and at every node."""
     acting = history.acting
     with suppress_scene_warnings():
         posed = pose_scene(scene or history.scene, history.mesh, history.trajectory.times.tolist())

@@ -1,4 +1,4 @@
-"""No user's file is lost if a list of our files is false, a file is a link, or a process dies while it writes."""
+"""No user's file is lost if a list of our files is wrong, a file is a link, or a process dies while it writes."""
 
 from __future__ import annotations
 

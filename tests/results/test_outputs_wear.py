@@ -1,4 +1,4 @@
-"""Wear is the friction work per length of each contact node, summed over all steps."""
+"""Wear is the friction work per length at each contact node, summed over all steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""On meshes that do not match, recovered pressure and friction keep resultants of nodal forces, without ripples."""
+"""On meshes that do not match, recovered pressure and friction have no ripples, and keep the total forces."""
 
 from __future__ import annotations
 

@@ -5,14 +5,14 @@ a(v, w) = (C eps(v), eps(w)). A displacement v has the norm |v| = |v|_a = a(v, v
 |tau| = (tau, C^-1 tau)^{1/2}.
 
 **The step.** The exact displacement u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) among the
-displacements v that the supports admit. Here sigma_0 is the prestress, and l(v) the work of the loads. The convex
-function j contains the work of friction with a given bound and the energy of compliant obstacles. j(v) is infinite if v
-moves the body into a rigid obstacle. So the exact stress sigma = sigma_0 + C eps(u) satisfies
+displacements v that the supports admit. Here sigma_0 is the prestress, and l(v) the work of the loads. The friction
+bound is given. The convex function j contains the friction work and the energy of compliant obstacles. j(v) is infinite
+if v moves the body into a rigid obstacle. So the exact stress sigma = sigma_0 + C eps(u) satisfies
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all v that the supports admit.                     (1)
 
-**The pair.** Let v be a displacement that the supports admit, with finite j(v). Let q be a friction and p a pressure on
-the contact boundary. Let the stress tau balance the loads, q and p. So for all w that vanish on the supports
+**The pair.** Let v be a displacement that the supports admit, with finite j(v). Let q be a friction stress and p a
+pressure on the contact boundary. Let the stress tau balance the loads, q and p. For all w that vanish on the supports
 
     (tau, eps(w))  =  l(w) - int (q w_t + p w_n),                                                                 (2)
 

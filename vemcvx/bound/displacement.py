@@ -5,9 +5,9 @@ and quadratic on each part. Quadratic functions do not lock on these parts (Scot
 vector of values at the vertices and edge midpoints of the polygon. For a given outline, the displacement minimises the
 energy minus the work of the body force.
 
-A triangle of the fan has ten nodes: corners 0 to 2, edge midpoints 3 to 5, centroid 6, and midpoints 7 to 9 between
-corners and centroid. Edge k goes from corner k to corner k + 1. The vector x contains the outline and the coefficients
-of the body force. The minimum is x'M x / 2 with a matrix M.
+Each triangle has ten nodes: corners 0 to 2, edge midpoints 3 to 5, centroid 6, and midpoints 7 to 9 between corners and
+centroid. Edge k goes from corner k to corner k + 1. The vector x contains the outline and the coefficients of the body
+force. The minimum is x'M x / 2 with a matrix M.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ Let u_D be the displacement of the supports, n the outward normal, sigma_0 the p
     (tau, C^-1 tau) / 2  -  int over the supports of  tau n . u_D  -  (tau, C^-1 sigma_0).
 
 The unknowns are edge motions m, linear on edges, with jumps at vertices. A cell with the matrix G exerts the forces G m
-on edges, and further forces due to loads and sigma_0. On every edge, the forces of both cells cancel.
+on edges, and further forces due to the loads and sigma_0. On every edge, the forces of both cells cancel.
 
 Let v be the computed displacement. A matrix L maps v to edge motions L v. Linear tractions do the same work on L v as
 on v. We compute x = m - L v, which has smaller rounding errors than m.

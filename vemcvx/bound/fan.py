@@ -93,7 +93,7 @@ class Fans:
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def apply(self, matrices: Floats, data: Floats) -> Floats:
-        """Multiply the vectors of cells by matrices, one per shape."""
+        """Multiply the vector of every cell by the matrix of its shape."""
         if len(matrices) == 1:
             return np.asarray(data @ matrices[0].T)
         return np.asarray(np.matmul(self.expand(matrices), data[:, :, None])[:, :, 0])

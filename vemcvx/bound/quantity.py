@@ -122,7 +122,7 @@ class Dual:
 
     @classmethod
     def from_effects(cls, circle: Hypercircle, of: Effect | Sequence[Effect], t: float = 0.0) -> Dual:
-        """Return the dual problem of the quantity given by these effects."""
+        """Return the dual problem of a quantity, or raise SceneError."""
         effects = tuple(of) if isinstance(of, (list, tuple)) and of else (of,)
         for effect in effects:
             parts = effect.contribute(circle.posed.space) if isinstance(effect, Effect) else Contribution()

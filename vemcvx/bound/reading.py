@@ -133,7 +133,7 @@ class Reader:
         return force.reshape(-1, PIECES, 2) * (PIECES / self.edges.lengths[:, None, None])
 
     def _friction_bounds(self, t: float) -> Floats:
-        """Return given friction bounds (b, PIECES - 1, 1) at new nodes."""
+        """Return friction bounds (b, PIECES - 1, 1) at new nodes."""
         g = np.zeros((len(self.fine.owner), 1))
         for friction in (one for one in self.frictions if one.law is None):
             at, bound, _ = self.fine.read(friction, (friction.weights(t) / friction.lengths)[:, None])
@@ -157,7 +157,7 @@ class Reader:
         return found, np.concatenate(scaled)
 
     def _deviations_of_gaps(self, now: Instant) -> Floats:
-        """Return the largest |gap - interpolant| (b,) on edges with obstacles."""
+        """Return the largest |gap - interpolant| (b,) on edges in contact."""
         fine, edges, highest = self.fine, self.edges, np.zeros(len(self.edges.outer))
         if not self.obstacles:
             return highest

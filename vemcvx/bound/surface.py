@@ -67,7 +67,7 @@ class Surface:
 
     @classmethod
     def from_loads(cls, loads: Floats) -> Surface:
-        """Return a surface with loads, without contact."""
+        """Return a surface with loads and no contact."""
         none = np.zeros(loads.shape[:2])
         edges, laws = none[:, 0], np.stack([none, none])
         return cls(loads=loads, forces=loads, cost=edges, gap=edges, laws=laws, slip=none)

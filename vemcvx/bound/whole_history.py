@@ -1,4 +1,4 @@
-"""Bounds on the error of whole histories due to mesh and steps, if friction has a given bound.
+"""Bounds on the error of whole histories, if the friction bound is given.
 
 At each instant, u is the exact displacement, and sigma the exact stress. The displacement v and the stress tau are
 admissible, and r is the defect of v and tau (:mod:`vemcvx.bound`). Let X = tau - sigma, and let C be the elastic

@@ -1,7 +1,7 @@
 """Recovered pressure and friction on interfaces of meshes that do not match.
 
 `Contact.pressure` is R_i / |phi_i|, with the force R_i on the node at x_i and the integral |phi_i| of the hat function.
-If a cell has several sides on the interface, this quotient ripples by O(h) or more. Recovered values are means over
+If a cell has several sides on the interface, this quotient has ripples of O(h) or more. Recovered values are means over
 nodes,
 
     p_i = sum_j K_ij R_j,    K_ij = d_i k_ij d_j,    k_ij = max(0, 1 - |x_i - x_j|^2 / (1.5^2 h_i h_j)).

@@ -285,7 +285,7 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
 
 
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
-    """Raise HistoryError if a file with one of these names exists and belongs to no history."""
+    """Raise HistoryError if a file with a name in `names` belongs to no history."""
     for name in sorted(names - _files_of_history(folder)):
         if os.path.lexists(folder / name):
             raise HistoryError(

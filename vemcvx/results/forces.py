@@ -227,7 +227,7 @@ class ActingForces:
         return Space(self.mesh, axisymmetric=self.is_axisymmetric)
 
     def reaction(self, name: str) -> Floats:
-        """Return the total force (S, dim) that supports of a boundary exert on the body.
+        """Return the total force (S, dim) that the supports of a boundary exert on the body.
 
         Two boundaries share the force at a common node (:mod:`vemcvx.results.forces`).
 

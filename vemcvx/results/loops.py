@@ -1,4 +1,4 @@
-"""The loop of force against displacement of a driven boundary, a driven body or a load."""
+"""The loop of force against displacement, for a driven boundary, a driven body or a load."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ With the cells K of u, and the stabilisation S_K, the norm (3.13) of Feng, Han a
 
 $$ |w|^2 = \sum_K |K| \, \varepsilon(\Pi w) : C \varepsilon(\Pi w) + S_K(w - \Pi w, w - \Pi w). $$
 
-In the plane, exact and projected distances have no quadrature error. In space, the same is true if the cells of the
-mesh of v lie inside cells of the mesh of u. For other meshes in space, the quadrature error is O(h).
+In the plane, exact and projected distances have no quadrature error. In space, they have none if the cells of the mesh
+of v lie inside cells of the mesh of u. For other meshes in space, the quadrature error is O(h).
 
 Virtual functions are linear on triangles and tetrahedra. Let a rectangle have the sides e_1 and e_2, the centre c, and
 the values u_1 ... u_4 at successive vertices. With xi = 2 e_1.(x - c) / |e_1|^2 and eta = 2 e_2.(x - c) / |e_2|^2,
@@ -304,7 +304,7 @@ def energy_distance(
     Raises
     ------
     MeshError
-        The meshes do not cover the same domain, or do not admit this kind.
+        The meshes do not cover the same domain, or do not admit `kind`.
     HistoryError
         No step was stored at `time`, or `run` lacks the stabilisation for a nodal distance.
     SceneError

@@ -251,7 +251,7 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
     ----------
     h : (m,) sequence of positive numbers, no two neighbours equal
         Mesh sizes or steps.
-    errors : (m,) sequence of positive numbers, or mapping of names to such sequences
+    errors : (m,) sequence of positive numbers, or mapping of names to sequences
         Each sequence gives a column of errors and a column of orders. NaN stands for a missing error.
     name : str
         The name of the sizes.

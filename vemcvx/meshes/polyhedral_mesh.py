@@ -29,7 +29,7 @@ class PolyhedralMesh(Mesh):
     ----------
     points : (n_nodes, 3) array_like of float
         Node coordinates, in consistent units.
-    cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
+    cells : nested sequences of int, or (n_cells, faces, vertices) array of int
         Faces of each cell. A face lists its vertices counter-clockwise as seen from outside the cell.
     boundaries : mapping of str to array_like, optional
         Name -> numbers of boundary faces, or lists of vertices. The name "boundary" is reserved for the whole

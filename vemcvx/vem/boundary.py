@@ -136,7 +136,7 @@ def _outward(chords: Floats) -> tuple[Floats, Floats]:
 
 
 def _find_whole_sides(edges: Ints, points: Floats, inside: Bools | None) -> tuple[Ints, Ints]:
-    """Return, for each edge, the first and last edge of the straight chain."""
+    """Return the first and last edge of the straight chain through each edge."""
     own = np.arange(len(edges))
     if inside is None or not inside.any():
         return own, own

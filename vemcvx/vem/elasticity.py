@@ -38,7 +38,7 @@ def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabilisation = "shear") -> sp.csr_matrix:
-    """Return the stiffness matrix for all n_u nodal displacement components.
+    """Return the stiffness matrix for all n_u = dim * n_nodes nodal displacement components.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     -------
     points : (q, dim) array
         Two Gauss points per edge; seven points per triangle of a face.
-    matrix : (n_u, dim q) csr_matrix
+    matrix : (dim n_nodes, dim q) csr_matrix
         ``matrix @ f(points).ravel()`` is the nodal load of f. It is exact for f of degree 2 in the plane, 4 in space,
         and 1 in bodies of revolution.
     sides : (q,) array of int
@@ -154,7 +154,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
     Returns
     -------
-    (n_u, components n_cells) csr_matrix
+    (dim n_nodes, components n_cells) csr_matrix
         ``matrix @ sigma.ravel()`` is the nodal load of sigma (n_cells, components).
 
     Examples
@@ -178,7 +178,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
 
 def _load_matrix(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
-    """Return the matrix (n_u, dim q) from forces at points to nodal forces."""
+    """Return the matrix from forces at points to nodal forces."""
     (q, n), dim = nodes.shape, space.dim
     rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
     values = np.repeat(shares[:, None, :], dim, axis=1)

@@ -1,7 +1,7 @@
 """Checks of the points and cells of plane meshes.
 
-Clockwise cells are reversed, and unused nodes are dropped, with notes for a warning. Shapely decides whether a polygon
-is simple, and whether polygons form a coverage. In a coverage, polygons share whole edges and do not overlap.
+Clockwise cells are reversed, and unused nodes are dropped. A note describes each correction. Shapely decides whether a
+polygon is simple, and whether polygons form a coverage. In a coverage, polygons share whole edges and do not overlap.
 """
 
 from __future__ import annotations

@@ -203,7 +203,7 @@ def find_touching_faces(
     body: Ints | None = None,  # body of each face; only pairs from different bodies are returned
     part: float = SINGLE_EPS,  # smallest common area, relative to the smaller face
 ) -> Ints:
-    """Return pairs (2, k) of overlapping faces, at most `width` apart."""
+    """Return pairs (2, k) of faces that overlap within the distance `width`."""
     import shapely
 
     corners = points[vertices]

@@ -103,7 +103,7 @@ class PosedScene:
             if of_bodies:
                 logging.getLogger("vemcvx").info("%s", words)
             else:
-                warnings.warn(words, SceneWarning, stacklevel=2)
+                warnings.warn(words, SceneWarning, stacklevel=3)
         return kernel
 
     @cached_property

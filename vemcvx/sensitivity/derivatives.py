@@ -255,7 +255,7 @@ def sensitivities(
     run = prepare(posed.system, solver, True, True, shortest=float(np.diff(times).min(initial=np.inf)))
     found = march_prepared(run, times, free_unknowns(initial, posed, times), np.arange(len(times)), storage=Memory())
     history = History.from_results(record(posed, found, 0.0, Memory()), begins(initial))
-    at = Observed.evaluate(posed, history)
+    at = quantities.observe(posed, history)
     P, condensation, m = posed.supports.P, run.condensation, len(run.condensation.retained)
     E = P if condensation.whole else P @ condensation.complete(np.zeros((P.shape[1], m)), np.eye(m))
     rows, inner = quantities.differentiate(posed, at, E, lambda f: P @ condensation.solve_interior(P.T @ f))
@@ -266,9 +266,9 @@ def sensitivities(
     if shapes is None:
         changes, explicit = _differences(pose, parameters, history, posed, quantities, E=E, inner=inner)
     else:
-        changes = _field_changes(posed, at.p, shapes, len(parameters), E.shape[1])
+        changes = _field_changes(posed, found.pressures, shapes, len(parameters), E.shape[1])
         explicit = np.zeros((len(of), len(times), len(parameters)))
-    kept = quantities.values(at), history, one_sided
+    kept = at.values, history, one_sided
     return Sensitivities(tuple(of), *kept, _steps=steps, _rows=rows, _changes=changes, _explicit=explicit)
 
 
@@ -302,8 +302,7 @@ def _differences(
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
     """Return central differences: the changes of all steps, and `Sensitivities._explicit`."""
-    columns, acting = [], own.terms.acting
-    shapes = [M.shape for M in (own.supports.P, own.terms.rows, own.obstacles.rows)]
+    columns, shapes = [], [M.shape for M in (own.supports.P, own.terms.rows, own.obstacles.rows)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
         for way in (step, -step):
@@ -311,11 +310,10 @@ def _differences(
                 posed = pose(theta + way * np.eye(len(theta))[j])
             if [M.shape for M in (posed.supports.P, posed.terms.rows, posed.obstacles.rows)] != shapes:
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
-            at = Observed.evaluate(posed, history)
+            at = quantities.observe(posed, history)
             if (at.lam.any(axis=2) & ~history.trajectory.multipliers.any(axis=2)).any():
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
-            off = np.hstack([at.slips[:, : acting * own.terms.block], at.excess])
-            pair.append((at.forces, off, np.where(at.w < np.inf, at.w, 0.0)[:, :acting], quantities.values(at)))
+            pair.append((at.forces, at.off, np.where(at.w < np.inf, at.w, 0.0), at.values))
         forces, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
         columns.append((-(E.T @ forces).T, off, w, values - np.einsum("qit,it->qt", inner, forces)))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
@@ -361,9 +359,9 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
     errors = np.sqrt(2.0 * found.gap) + np.sqrt(2.0 * found.floor)
     for n in range(0 if history.begins == "settled" else 1, len(errors)):
         delassus, force = measure(run.frame(float(at.k[n])))
-        u, x = delassus.u, np.append(at.lam[n, :m], at.p[n]) / delassus.u
-        law = Weights(at.w[n, :m], norms, float(found.times[n]), term_units=u[:count:block], limit_units=u[count:])
-        point = Point(x, u * np.append(at.slips[n, :count], at.excess[n]), np.zeros(0), np.zeros(0))
+        u, x = delassus.u, np.append(found.multipliers[n, :m], found.pressures[n]) / delassus.u
+        law = Weights(at.w[n], norms, float(found.times[n]), term_units=u[:count:block], limit_units=u[count:])
+        point = Point(x, u * at.off[n], np.zeros(0), np.zeros(0))
         sets, (lam, p) = ActiveSets.at(delassus, point, law), delassus.split(x)
         slipping = np.where(sets.stick[:, None], 0.0, sets.direction).ravel()
         H = sp.csr_matrix((slipping, (np.arange(count), np.arange(count) // block)), shape=(len(x), len(lam)))

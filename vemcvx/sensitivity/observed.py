@@ -32,19 +32,30 @@ FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x
 class Observed:
     """The states of a run at T instants, under the data of a posed scene."""
 
+    values: Floats  # (Q, T) quantities
     k: Floats  # (T,) length of the step to each instant; zero at the first instant
-    u: Floats  # (n_u, T) displacements
-    elastic: Floats  # (n_u, T) A u
     forces: Floats  # (n_u, T) forces R of supports
+    off: Floats  # (T, rows) slips in the step to the instant, and motions beyond gaps minus compliance times force
+    w: Floats  # (T, acting) friction bounds
     lam: Floats  # (T, terms, block) forces of friction; dragged nodes come last
-    slips: Floats  # (T, terms * block) in the step to the instant
-    p: Floats  # (T, r) forces of obstacles
-    excess: Floats  # (T, r) motion beyond the gap, minus compliance times force
+    elastic: Floats  # (n_u, T) A u
     stored: Floats  # (T, r) spring displacements in soft contact
-    w: Floats  # (T, terms) friction bounds
 
-    @classmethod
-    def evaluate(cls, posed: PosedScene, history: History) -> Observed:
+
+Gradients = tuple[Floats, Floats, Floats]
+"""The derivatives (Q, T, ...) of quantities by contact unknowns, by these one instant before, and by (lam, p)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """Q quantities a'u + h'R + `energy` times the energy + `losses` times the losses so far."""
+
+    a: Floats  # (Q, n_u)
+    h: Floats  # (Q, n_u)
+    energy: Floats  # (Q,)
+    losses: Floats  # (Q,)
+
+    def observe(self, posed: PosedScene, history: History) -> Observed:
         """Evaluate a posed scene at the states of a run."""
         run, terms, obstacles, supports = history.trajectory, posed.terms, posed.obstacles, posed.supports
         times, p, k = run.times.tolist(), run.pressures, np.diff(run.times, prepend=run.times[0])
@@ -65,37 +76,26 @@ class Observed:
         drawn = slips.reshape(lam.shape)[:, acting:].reshape(-1, terms.block)
         drawn = np.where(np.abs(drawn) > DRAG_ROUNDING * size, drawn, 0.0)
         lam[:, acting:] = w[:, acting:, None] * directions(drawn, lengths(drawn)).reshape(len(k), -1, terms.block)
-        forces = elastic - loads + terms.rows.T @ lam.reshape(slips.shape).T + obstacles.rows.T @ p.T
+        by_row = lam.reshape(slips.shape)
+        forces = elastic - loads + terms.rows.T @ by_row.T + obstacles.rows.T @ p.T
         if posed.viscosity is not None:
             forces[:, 1:] += (posed.viscosity @ du)[:, 1:] / k[1:]
         soft = p * obstacles.compliance
         rates = (obstacles.rows @ du).T - np.diff(gap, axis=0, prepend=gap[:1]) - k[:, None] * soft
         excess = np.where(obstacles.rates, rates, (obstacles.rows @ u).T - gap - soft)
         stored = soft * ~obstacles.rates
-        return cls(
-            k=k, u=u, elastic=elastic, forces=forces, lam=lam, slips=slips, p=p, excess=excess, stored=stored, w=w
+        energy = 0.5 * (np.einsum("it,it->t", u, elastic) + np.einsum("tr,tr->t", p, stored))
+        losses = np.cumsum(np.where(k > 0, np.einsum("tj,tj->t", by_row, slips), 0.0))
+        return Observed(
+            values=self.a @ u + self.h @ forces + np.outer(self.energy, energy) + np.outer(self.losses, losses),
+            k=k,
+            forces=forces,
+            off=np.hstack([slips[:, : acting * terms.block], excess]),
+            w=w[:, :acting],
+            lam=lam,
+            elastic=elastic,
+            stored=stored,
         )
-
-
-Gradients = tuple[Floats, Floats, Floats]
-"""The derivatives (Q, T, ...) of quantities by contact unknowns, by these one instant before, and by (lam, p)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Quantities:
-    """Q quantities a'u + h'R + `energy` times the energy + `losses` times the losses so far."""
-
-    a: Floats  # (Q, n_u)
-    h: Floats  # (Q, n_u)
-    energy: Floats  # (Q,)
-    losses: Floats  # (Q,)
-
-    def values(self, at: Observed) -> Floats:
-        """Return the values (Q, T)."""
-        energy = 0.5 * (np.einsum("it,it->t", at.u, at.elastic) + np.einsum("tr,tr->t", at.p, at.stored))
-        losses = np.where(at.k > 0, np.einsum("tj,tj->t", at.lam.reshape(at.slips.shape), at.slips), 0.0)
-        found: Floats = self.a @ at.u + self.h @ at.forces + np.outer(self.energy, energy)
-        return found + np.outer(self.losses, np.cumsum(losses))
 
     def differentiate(
         self, posed: PosedScene, at: Observed, E: Any, respond: Callable[[Floats], Floats]
@@ -106,13 +106,13 @@ class Quantities:
         """
         terms, acting, outer = posed.terms, posed.terms.acting_rows.shape[0], np.multiply.outer
         after, by_u = at.k[:, None] > 0, self.a + self.h @ posed.A  # Losses begin with the first step.
-        before = -outer(self.losses, (after * at.lam.reshape(at.slips.shape) @ terms.rows) @ E)
+        before = -outer(self.losses, (after * at.lam.reshape(len(at.k), -1) @ terms.rows) @ E)
         if posed.viscosity is not None:
             before[:, 1:] -= (self.h @ posed.viscosity @ E)[:, None] / at.k[1:, None]
         y = (by_u @ E)[:, None] + outer(self.energy, at.elastic.T @ E) - before
         x = self.h @ sp.vstack([terms.acting_rows, posed.obstacles.rows]).T
-        by_losses, by_energy = np.zeros((2, len(at.k), x.shape[1]))
-        by_losses[:, :acting], by_energy[:, acting:] = after * at.slips[:, :acting], at.stored
+        by_losses, by_energy = np.zeros((2, *at.off.shape))
+        by_losses[:, :acting], by_energy[:, acting:] = after * at.off[:, :acting], at.stored
         x = x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy)
         inner = outer(self.energy, respond(at.elastic)) if self.energy.any() else 0.0
         return (y, before, x), respond(by_u.T).T[:, :, None] + inner

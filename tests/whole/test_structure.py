@@ -53,7 +53,7 @@ HEAVY = {
 """Heavy packages, and the only files that may import them."""
 
 LINES = {"program": 1_981, "solvers": 1_239, "stepping": 1_652, "linear": 887, "scene": 1_760, "effects": 2_124}
-LINES |= {"exchange": 645, "testing": 907, "cli/collection": 954}
+LINES |= {"exchange": 646, "testing": 907, "cli/collection": 954}
 LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
 LINES |= {"limit_analysis": 398}
 LINES |= {"sensitivity": 773, "cost": 486, "cli": 2_912}

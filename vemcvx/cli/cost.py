@@ -1,4 +1,4 @@
-"""`vemcvx cost`: run a problem with many settings, and recommend settings for each accuracy."""
+"""`vemcvx cost`: sweep meshes, steps and solvers, and recommend settings for each accuracy."""
 
 from __future__ import annotations
 

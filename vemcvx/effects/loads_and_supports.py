@@ -387,7 +387,7 @@ class Pretension(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        An interface across one bolt, between two parts made by :func:`vemcvx.meshes.cut`. Each bolt needs a Pretension.
+        An interface across one bolt, made by :func:`vemcvx.meshes.cut`. Each bolt needs a separate Pretension.
     force : number, or callable f(x, t)
         The tension during tightening (per unit thickness). The point x (1, dim) is the centre of the cut.
     until : float, optional

@@ -1,7 +1,8 @@
 """Programs in the text formats CBF (conic programs) and MPS (quadratic programs).
 
-A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. Limits j with compliances c_j > 0
-are soft. CBF, the Conic Benchmark Format (version 1), has one cone per norm term, and one cone for the energy::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. If c_j > 0,
+(D_j d - e_j)_+^2 / (2 c_j) replaces limit j, which is called soft. CBF, the Conic Benchmark Format (version 1), has one
+cone per norm term, and one cone for the energy::
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K

@@ -11,7 +11,7 @@ h_T = B_i of each contact. The balance K d = g - B'lam - D'p gives
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
-W is stored by rows (nz = -2). The JSON text `description` in `info` has `energy_error`, a bound of |d - d*|_K. The
+W is stored by rows (nz = -2). The JSON text `description` in `info` has `energy_error`, a bound on |d - d*|_K. The
 exact answer d* solves the convex program with the weights mu r_N. Writing needs h5py (extra ``fclib``).
 """
 

@@ -269,7 +269,7 @@ def _outline_closed(history: Results, row: int, places: Floats) -> list[Floats]:
 
 
 def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view: _View) -> tuple[float, float]:
-    """Draw forces, and return the largest force and the largest uncut force."""
+    """Draw forces; return the largest force, and the force above which arrows are cut."""
     (history, row), (factor, size), contact = at, scale, at[0].contact
     together = view.forces == "contact"
     seen = np.flatnonzero(within(contact.points, view.window))
@@ -304,7 +304,7 @@ def _arrows(ax: Axes, at: tuple[Results, int], scale: tuple[float, float], view:
         canvas.draw_arrows(ax, heads[chosen], arrows[chosen], **look).set_in_layout(False)
         marks: dict[str, Any] = {"markersize": 14, "markeredgewidth": 250 * width, "linestyle": "none", "color": colour}
         ax.plot([], [], marker="$\\rightarrow$", label=FORCES[view.forces] + state, **marks)
-    # All steps have the same room beside the body.
+    # All steps have the same margin beside the body.
     room = [*tips, *(tips - lengths)] if together else [end + 2.0 * beside for end in extent(history, factor)]
     ax.update_datalim(np.concatenate(room))
     return float(sizes[row].max(initial=0.0)), cut

@@ -147,7 +147,6 @@ def friction_traction(
     ax = canvas.axes_or_new(ax, 6.4, 3.6)
     for chosen, colour, _, state in kinds:
         for start, stop in line.spans(chosen):
-            # Hatches are visible in grey print.
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
     bound = contact.bound[row, line.order]
     for side, name in ((bound, "bound $\\pm g$"), (-bound, None)):

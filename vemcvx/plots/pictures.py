@@ -231,7 +231,7 @@ def omissions(history: Results) -> list[str]:
 def write_plots(
     history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
 ) -> list[Path]:
-    """Write all pictures of a history, and remove older files with the names of pictures.
+    """Write all pictures of a history, and remove older pictures with the same suffix.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def animate(
     magnify: float | None = None,
     units: Units | None = None,
 ) -> Path:
-    """Write a film of the deformed mesh through all stored steps.
+    """Write a film of the deformed mesh over all stored steps.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ DERIVED = {
     "energy per area": "{force} {length}/{length}²",
 }
 THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
-"""Quantity per length of a plane boundary -> quantity per length and thickness."""
+"""Quantity per length -> quantity per length and thickness."""
 WORDS = {
     "force/length": "force per length",
     "force/length²": "force per area",
@@ -137,7 +137,7 @@ def within(points: Floats, window: Window | None) -> Bools:
 
 
 def is_idle(history: Results) -> Bools:
-    """Return a mask (S, m) of open contact nodes without friction."""
+    """Return a mask (steps, m) of open contact nodes without friction."""
     contact = history.contact
     friction = np.linalg.norm(contact.traction, axis=2)
     return np.asarray(~contact.closed & (friction <= ROUNDING * friction.max(initial=0.0)))

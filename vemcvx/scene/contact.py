@@ -33,11 +33,11 @@ from vemcvx.scene.supports import Supports
 from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
-# move along the normal. (3) Contact prevents normal motion, and a support prevents tangential
-# motion. (4) A support or a moving obstacle drags the node against friction. The module `supports` defines A, H, P, R.
+# move along the normal. (3) Contact prevents normal motion, and a support prevents tangential motion. (4) A support
+# or a moving obstacle drags the node against friction. `Supports` contains A, H and P. The nodal reactions are R.
 
 Moving = Callable[[float], Floats]
-"""t -> motion of the ground, as vectors or as tangential components"""
+"""t -> displacement of the ground (the counter-surface), as vectors or tangential components"""
 
 
 class Freedom(NamedTuple):
@@ -127,7 +127,7 @@ def _match_normals(rows: ContactRows, supports: Supports) -> tuple[Bools, Floats
 # The matrix B^ maps nodal displacements to slips. The matrix over free unknowns is B = B^ P.
 @dataclass(frozen=True, kw_only=True)
 class Terms(ContactRows):
-    """The norm terms of a posed scene. The first `acting` terms depend on free unknowns."""
+    """The friction terms of a posed scene. The first `acting` terms depend on free unknowns."""
 
     rows: sp.csr_matrix  # (m * (dim - 1), n_u) the matrix B^
     tangents: Floats  # (m, dim - 1, dim) orthonormal; the second is zero if a direction is given
@@ -186,7 +186,7 @@ class Terms(ContactRows):
         )
 
     def law_of(self, some: slice) -> Law | None:
-        """Return the common law of some terms, or None."""
+        """Return the friction law of some terms, or None."""
         frictions, gather, press = self.frictions, sp.csr_matrix(self.gather[some]), self.press
         laws = [f.law for f in frictions if f.law is not None]
         if press is None or not laws:
@@ -327,7 +327,7 @@ def _contact_surface(
 # Rigid obstacles at the same node with the same normal are merged. The merged limit has the least gap.
 @dataclass(frozen=True, kw_only=True)
 class Obstacles(ContactRows):
-    """The limits of a posed scene, one per row."""
+    """The contact limits of a posed scene, one per row."""
 
     rows: sp.csr_matrix  # (r, n_u) the map from displacements to normal displacements or jumps
     compliance: Floats

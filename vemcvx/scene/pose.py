@@ -77,9 +77,9 @@ class PosedScene:
     surface: Surface  # contact nodes
     material: Material
     prestress: InitialStresses | None  # stresses at zero strain
-    springs: sp.csr_matrix | None  # stiffness of springs to the ground, a part of A
+    springs: sp.csr_matrix | None  # stiffness of springs to the ground, which is a part of A
     inactive: tuple[str, ...]  # sentences on omitted frictions and on pins
-    curves: tuple[str, ...]  # subjects of effects on curved boundaries
+    curves: tuple[str, ...]  # names of effects on curved boundaries
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous nodal forces per nodal velocity
     laws: tuple[Contribution, ...]  # contributions of materials, without stiffness
     stops: Sequence[Obstacle]  # obstacles of all effects
@@ -237,7 +237,7 @@ def _hold(
 
 
 def _find_causes(parts: Sequence[Contribution], supports: Supports) -> dict[str, Any]:
-    """Return the fields of PosedScene that hold effect numbers."""
+    """Return the fields of PosedScene that contain effect numbers."""
     owner = {id(support): i for i, part in enumerate(parts) for support in part.supports}
     causes = {
         name: np.repeat(np.arange(len(parts)), [len(getattr(part, name)) for part in parts])

@@ -1,7 +1,7 @@
 """Floating bodies: the rigid motions that no support resists.
 
 Let A be the stiffness of a body without supports. The k columns of R are the rigid motions. The loads f balance if
-R'f = 0. Then A u = f has a solution. *Pins* hold k nodal values. They make u unique and bear no force.
+R'f = 0. Then A u = f has a solution. *Pins* set k nodal values to zero. They make u unique and bear no force.
 Results do not contain the mean rigid motion.
 """
 
@@ -83,7 +83,7 @@ def floating_motions(
     R, axes = _motions(piece, node, points)
     k = axes.shape[1]
     free = supports.gather(sp.csr_matrix(sp.diags_array(np.repeat(count**-0.5, dim)) @ R))
-    if space.axisymmetric:  # Only translations along the axis have no strain.
+    if space.axisymmetric:  # Only translations along the axis cause no strain.
         free = sp.csr_matrix(free @ sp.diags_array(np.tile([0.0, 1.0, 0.0], len(axes))))
     kept = sp.csr_matrix(free.T @ free)
     parts, label = _connect(piece, node, supports.linked, springs)

@@ -40,7 +40,7 @@ def slices_of(parts: Sequence[ContactSurface | Support]) -> list[slice]:
 
 
 def pair_numbers(nodes: Ints, partners: Ints, largest: int) -> Ints:
-    """Return a number for each pair (node, partner), ascending with the node."""
+    """Return a unique integer for each pair (node, partner), ordered by node."""
     return nodes * (largest + 2) + partners + 1
 
 

@@ -4,16 +4,16 @@ Supports prescribe A u = g(t), with one row per direction at a node or a pair of
 
     u = P y + H g(t),   A P = 0,   P'P = I,   A H = I,   P'H = 0,
 
-with the free unknowns y and the prescribed displacement u_D = H g. Each row of A has a support force. These
-forces f cause the nodal reactions R = A'f. Then f = H'R.
+with the free unknowns y and the prescribed displacement u_D = H g. Each row of A has a support
+force. The vector f of these forces causes the nodal reactions R = A'f. Then f = H'R.
 
 The supports of rigid parts and bolts prescribe A u = g(t) + M c. The columns of M are called *patterns*, and the
 *amplitudes* c are unknown. Then u = P y + H g + H M c. An orthonormal basis of range(H M) is appended to P.
 
-Nodes connected by rows are one *site*. A single node is also a site. At each site, Gram-Schmidt gives an orthonormal
-frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact, normals of
-friction and obstacles, coordinate axes. The last two kinds become columns of P. Each friction term then has
-separate unknowns, and a solver can set a slip to exactly zero.
+Rows connect nodes. A *site* is a set of connected nodes, or a single node. At each site, Gram-Schmidt gives an
+orthonormal frame from four kinds of directions, in this order: prescribed directions, normals of bilateral contact,
+normals of friction and obstacles, coordinate axes. The vectors of the last two kinds become columns of P. Each friction
+term then has separate unknowns, and a solver can set a slip to exactly zero.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ INDEFINITE = {
     "singular but for rounding": [[1.0, 1.0], [1.0, 1.0 + 2.0**-52]],
     "a stiff part and a soft one": [[1e12, 1e6, 0.0], [1e6, 1.0 - 1e-9, 0.0], [0.0, 0.0, 1.0]],
 }
-"""Matrices with positive diagonals that are not positive definite."""
+"""Matrices that have positive diagonals, but are not positive definite."""
 REFUSED = "singular or indefinite.*the K of a System must be positive definite"
 
 

@@ -44,7 +44,7 @@ class Instance:
     @cached_property
     def system(self) -> System:
         """The system, posed for the instants TIMES."""
-        with suppress_scene_warnings():  # Scenes warn if only friction holds a body.
+        with suppress_scene_warnings():  # Posing warns if only friction holds a body.
             return self.make()
 
     @cached_property

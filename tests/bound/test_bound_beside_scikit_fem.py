@@ -34,7 +34,7 @@ FINE, FINE_WEIGHTS = np.array(np.polynomial.legendre.leggauss(24)) / 2.0 + [[0.5
 
 @dataclass(frozen=True)
 class Case:
-    """A body on the floor y = 0, with clamp, loads, friction and singular points."""
+    """A body on the floor y = 0, with a clamp, a load, friction and singular points."""
 
     scene: vx.Scene
     clamped: tuple[int, float]

@@ -95,7 +95,7 @@ LOADS = {
 
 
 def bar_under(of):
-    """Return the run of a bar under the body force `of`, points on the bar, and exact axial forces."""
+    """Return the run of a bar, points on the bar, and exact axial forces. The body force is `of`."""
     s = np.linspace(0.0, 1.0, 100_001)
     force = np.append(0.0, np.cumsum(of(0.5 * (s[1:, None] + s[:-1, None])) * np.diff(s)))
     return run(*BAR, vx.Clamp(on="right"), vx.BodyForce(along(of))), s, force

@@ -155,7 +155,7 @@ SCENES = {
 
 
 def one_step(seed):
-    """Return a random scene with given friction bounds, and the end of the step."""
+    """Return a random scene and the end of the step. Every third scene has Tresca's friction."""
     scene, turn = random_scene(seed)
     if seed % 3 < 2:
         return scene, turn

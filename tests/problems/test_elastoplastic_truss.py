@@ -42,7 +42,7 @@ def test_bars_yield_at_the_closed_forms_and_keep_residual_stress():
 
 
 def test_one_bar_shows_the_bauschinger_effect():
-    """A bar loaded to s > sigma_y yields backwards at s - 2 sigma_y, not at -sigma_y."""
+    """After the stress s > sigma_y, reverse yielding begins at s - 2 sigma_y, not at -sigma_y."""
     bar = lesson.Truss(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0, 1]]), held=np.array([0, 1, 3]))
     peak, reverse = 1.5, 1.5 - 2 * lesson.YIELD
     F = np.array([0.0, peak, 0.0, reverse + 0.01, reverse - 0.01])

@@ -70,7 +70,6 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return the positions (n, 12) of triangle unknowns in the vector of a cell."""
     t, after = np.arange(n), (np.arange(n) + 1) % n
     # Order in the cell: centre, midpoints between centre and vertices, vertices, edge midpoints.
     nodes = np.column_stack([0 * t, 1 + n + t, 1 + n + after, 1 + t, 1 + 2 * n + t, 1 + after])

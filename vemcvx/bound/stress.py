@@ -120,7 +120,7 @@ def _balance_data() -> Floats:
 
 @cache
 def _energies() -> Floats:
-    """Return integrals (9, 225) of stress products for pairs of `_balance_data`."""
+    """Return the integrals (9, 225) of products of two stresses."""
     parts = (reference() @ _balance_data()).reshape(3, 6, 3, 15)
     found: Floats = np.einsum("ij,piak,pjbl->abkl", MASS, parts, parts)
     return found.reshape(9, 225)
@@ -147,7 +147,6 @@ def triangle_forms(fans: Fans) -> Floats:
 
 
 def _slots(n: int) -> Ints:
-    """Return positions (n, 12) of triangle motions in the vector of a cell."""
     # The last edge of a triangle is the first edge of the next triangle, with ends exchanged.
     t = np.arange(n)[:, None]
     after = 4 * ((t + 1) % n)

@@ -198,7 +198,7 @@ class Boundary:
             )
 
     def at(self, now: Instant, before: Instant, read: Reading, body: Floats) -> Surface:
-        """Return the surface after a step, given the work `body` of body forces on `motions`."""
+        """Return the surface after a step; `body` is the work of body forces on `motions`."""
         tangents, units, lengths = self.edges.tangents, self.edges.units, self.edges.lengths
         g, slip, loads = self._friction_bound(now, read), self._slip(now, before), self.forces_of(read.tractions)
         q, rigid, soft = self._friction(now, g), self._pressing(now, False), self._pressing(now, True)

@@ -55,7 +55,7 @@ class History(Results, Outlined):
         the energy norm (:func:`vemcvx.error_bound`). "step": the step with the largest "upper". "relative":
         "upper" / (largest energy norm). "reading": the estimated part of "upper". "kind": as in `ErrorBound`.
     energy_bounds : (N + 1, 2) or None
-        With `bound`: lower and upper bounds on the elastic energy of the exact solution of every step; NaN if unknown.
+        With `bound`: lower and upper bounds on the exact elastic energy of every step; NaN if unknown.
     cell_bounds : (n_cells,) or None
         With `bound`: the contributions of cells to the square of "upper".
     force_bounds : (N + 1, 2) or None
@@ -154,9 +154,9 @@ class History(Results, Outlined):
         ----------
         name : {"steps", "contact"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
-            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of the boundary
-            and the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are separate
-            columns, such as "slip_x".
+            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of the
+            contact boundary and the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are
+            separate columns, such as "slip_x".
 
         Raises
         ------
@@ -170,7 +170,7 @@ class History(Results, Outlined):
         return frame(table(self, name))
 
     def to_xarray(self) -> Dataset:
-        """Return all arrays as one dataset of xarray, named as in ``history.npz``.
+        """Return all arrays as one dataset of xarray, under their names in ``history.npz``.
 
         Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
         ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have an attribute "units".

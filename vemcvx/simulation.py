@@ -83,7 +83,7 @@ def simulate(
     check : bool
         Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        Eliminate the unknowns without friction and contact; with Viscosity or dashpots, all unknowns are kept.
+        Eliminate unknowns that have neither friction nor contact. Runs with Viscosity or dashpots keep all unknowns.
     linear : LinearSolver, optional
         SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
     progress : callable (step, steps), or False
@@ -93,7 +93,7 @@ def simulate(
     resume : bool
         True: continue the run in the folder `stream`. False: replace the run.
     bound : bool
-        Bound the mesh error of every step from both sides (:func:`vemcvx.error_bound`). All steps must be stored.
+        Compute lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`). Store all steps.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def _pose(scene: Scene, mesh: Mesh, times: Floats) -> PosedScene:
 
 
 def instants(scene: Scene, mesh: Mesh, times: ArrayLike) -> Floats:
-    """Return `times`, and all instants inside steps at which data have a kink, an extremum or a jump.
+    """Return `times`, and all instants between them at which data have a kink, an extremum or a jump.
 
     Backward Euler misses the extreme value of a load that reverses inside a step. Data are sampled at least 256 times
     per run, and in the middle of each step.

@@ -33,7 +33,7 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Return the median seconds of each action. Actions alternate.
+    """Execute actions in turn, and return the median seconds of each.
 
     If repeats > 1, the first round is not counted.
     """

@@ -46,7 +46,7 @@ def lower_block(depth, gap, stiffness=None, n=4, **options):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @mostly_long("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
-    """Once the gap is closed, the strain is (depth - gap - compression of the obstacle) / H."""
+    """Once the gap is closed, the strain is (depth - gap - compression of the obstacle) / HEIGHT."""
     gap = 0.01
 
     def depth(t):
@@ -70,7 +70,7 @@ def test_contact_closes_and_opens_in_closed_form(stiffness, solver):
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("start", ["settled", None])
 def test_an_overlapping_obstacle_presses_the_body_back(stiffness, start):
-    """The strain is (overlap - compression of the obstacle) / H."""
+    """The strain is (overlap - compression of the obstacle) / HEIGHT."""
     share = 1.0 if start == "settled" else TIMES / TIMES[-1]
     gap = -0.01 if start == "settled" else lambda x, t: np.full(len(x), -0.01 * t / TIMES[-1])
     history = lower_block(lambda t: 0.0, gap, stiffness, n=2, initial=start)

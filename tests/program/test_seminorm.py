@@ -56,7 +56,7 @@ def test_a_chain_of_two_sliders_stretches_by_the_load_above_the_first_bound():
     assert stretch == pytest.approx(np.maximum(2.5 * result.times - 1.0, 0.0) / 10, abs=1e-9)
     assert np.abs(result.state[:, 1]).max() < 1e-9
     assert result.certificate.max() < 1e-8
-    # The first block alone slips, against the bound 1.
+    # Only the first block slips, against the friction bound 1.
     assert result.dissipated[-1] == pytest.approx(result.state[-1, 0], rel=1e-9)
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
@@ -80,7 +80,7 @@ def test_friction_drags_a_body_over_any_distance(far, solver):
 @pytest.mark.parametrize("tips", [False, True])
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
-    """A block of weight 1 slides under a push of 0.3 if mu = 0.3. A rougher block tips under a push of 1."""
+    """A block of weight 1 slides under a push of 0.3 if mu = 0.3. With more friction, it tips under a push of 1."""
     push = (1.0 if tips else 0.3) * (1 + beyond)
     sides = ["left"] if tips else ["left", "right"]
     scene = vx.Scene(
@@ -90,7 +90,7 @@ def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
         vx.Traction((0.0, -1.0), on="top"),
         vx.Traction(lambda x, t: [push * t / len(sides), 0.0], on=sides),
     )
-    # If the excess is below 1e-9, the step is not certified.
+    # If the excess is tiny, the refusal may be NotCertified.
     refused = (vx.SceneError, vx.NotCertified) if beyond <= 1e-9 else vx.SceneError
     reason = "" if beyond <= 1e-9 else ".* there is no equilibrium"
     with pytest.raises(refused, match=f"^step 2 at t = 1: {reason}"):

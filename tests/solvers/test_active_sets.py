@@ -11,7 +11,7 @@ import vemcvx as vx
 @pytest.mark.long
 @pytest.mark.parametrize("coefficient", [0.5, 1.0])
 def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(coefficient):
-    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008) cycles."""
+    """The method of Hueber, Stadler and Wohlmuth (SIAM J. Sci. Comput. 30, 2008) cycles here."""
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.Clamp(on="right"),

@@ -48,7 +48,7 @@ def draw_program(seed, kind):
 
     "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen orders. "none": a third
     of the weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns.
-    "edge": slips are 1e-14 to 1e-3, or zero with |lam_i| = w_i.
+    "edge": slips are 1e-14 to 1e-3, or zero with |lam_i| close to w_i.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     m = int(rng.integers(1, 14))
@@ -90,7 +90,7 @@ def is_solved(program, accuracy=1e-8):
 @pytest.mark.parametrize("count", [5, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_programs_are_solved(kind, count):
-    """The accuracy is 1e-8 of the load's energy norm, and 1e-7 for programs with slips of 1e-14 to 1e-3."""
+    """The error is at most 1e-8 of the load's energy norm, and 1e-7 for the kinds with "edge"."""
     accuracy = 1e-7 if "edge" in kind else 1e-8
     assert [seed for seed in range(count) if not is_solved(draw_program(seed, kind), accuracy)] == []
 

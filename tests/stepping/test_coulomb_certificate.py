@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider with the pressure p = 1 + .9 u. A slipping slider has u = 3.5 - w(p) at t = 1."""
+    """Return a slider with the displacement u and the pressure p = 1 + .9 u. If it slips, u = 3.5 - w(p) at t = 1."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)

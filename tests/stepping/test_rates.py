@@ -142,7 +142,7 @@ def test_a_step_is_the_program_of_cvxpy_to_nine_digits(kind):
     best = cp.Problem(cp.Minimize(total), rules).solve(
         solver="CLARABEL", tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10
     )
-    if kind == "linear":  # second-order cones only, which Clarabel solves to rounding
+    if kind == "linear":  # Clarabel solves second-order cones to rounding.
         assert run.state[-1] == pytest.approx(y.value, rel=1e-9)
     y.value = run.state[-1]
     assert total.value == pytest.approx(best, rel=1e-9)
@@ -151,7 +151,7 @@ def test_a_step_is_the_program_of_cvxpy_to_nine_digits(kind):
 def test_a_law_that_falls_with_speed_gets_a_warning_and_a_certificate_for_the_given_friction():
     law = vx.Law(lambda t, p, past, rate: 1.0 + 2.0 / (1.0 + rate), softening=2.0, rates=True)
     system = vx.System(K=[[K]], load=lambda t: [4.0 * t], norms=vx.Norms(B=[[1.0]], w=0.0, law=law))
-    # Ratio of softening to stiffness in steps of length k: 2 / (k K).
+    # In steps of length k, the ratio of softening to stiffness is 2 / (k K).
     with pytest.warns(vx.SceneWarning, match="the ratio of softening to stiffness is 10;.*longer steps"):
         run = vx.march(system, np.linspace(0.0, 2.0, 21))
     assert run.certificate_kind == "for the given friction"

@@ -67,7 +67,7 @@ def test_the_page_begins_with_a_load_cycle_on_the_papers_block(ran):
     numbers = {name: value for name, value, _ in found["numbers"]}
     assert list(numbers) == ["sticking", "dissipated", "duality gap", "certified error", "seconds"]
     assert numbers["sticking"] == f"{stuck.sum()} of {len(stuck)}"
-    assert float(numbers["dissipated"]) == pytest.approx(history.dissipated[-1], rel=5e-3)  # three digits
+    assert float(numbers["dissipated"]) == pytest.approx(history.dissipated[-1], rel=5e-3)  # shown with three digits
     assert float(numbers["certified error"]) < history.trajectory.accuracy
     assert found["drawn"].count(PNG) == found["drawn"].count("<img") == 4
 
@@ -123,7 +123,7 @@ def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_letters_are_large_and_labels_complete(ran):
-    """Letters have at least 12 px in pictures that are 346 px wide."""
+    """Letters are at least 12 px high in pictures that are 346 px wide."""
     app = ran[0]
     for name, count in [*app.SCENES.values(), ("press_fit", 4), ("janssen_silo", 4)]:
         problem = read_problem(name)

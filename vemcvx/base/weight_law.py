@@ -3,7 +3,7 @@
 Tresca's law prescribes the weights. Coulomb's law w = mu p computes weights from the normal forces p. Other laws use
 earlier slips, the slip s of the step, or the slip rate |s| / k, where k is the duration of the step. If weights depend
 on the answer of the step, the certificate holds for the convex program with the weights at the answer. The kind of this
-certificate is "for the given friction".
+certificate is called "for the given friction".
 
 If weights do not depend on p and never fall with the slip (`softening` = 0), the step itself is a convex program: the
 term phi(|s|) = int_0^|s| w(q) dq replaces w |s|. The certificate then bounds the error of the step (proof:

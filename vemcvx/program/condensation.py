@@ -33,7 +33,7 @@ from vemcvx.program.operators import DenseInverse, Operators
 from vemcvx.program.system import System
 
 MOST_SHAPES = 6
-"""Largest number of stored forces (shapes) of one kind."""
+"""Largest number of forces that `reduce` stores per `kind`."""
 
 
 @dataclass(frozen=True, eq=False)

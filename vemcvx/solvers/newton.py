@@ -326,7 +326,7 @@ class PreparedNewton:
         u = delassus.u
         own = replace(law, term_units=u[: rows : program.operators.block], limit_units=u[rows:])
         search = Search(delassus, own, self.most)
-        # A term of infinite weight must not slip in the last system.
+        # The last system is used only if all terms of infinite weight stick.
         last = self.system if self.system is None or (self.system.sets.stick | ~program.stuck).all() else None
         begin = search.system(ActiveSets.at(delassus, point, own), point) if near else last
         point, system, error = search.find_solution(point, begin)
@@ -370,7 +370,7 @@ def correct_answer(
     along = sets.along if law.reads_slip else np.einsum("ij,ij->i", s, n)
     other = np.append(s - along[:, None] * n, np.zeros_like(p))
     z = system.solve(np.append(system.P @ np.where(sets.held, off, other), delassus.N.T @ left))
-    if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The sets do not hold the body.
+    if not np.abs(z).max(initial=0.0) <= np.abs(point.x).max(initial=0.0):  # The active sets do not hold the body.
         return d, point
     dx, da = system.Q @ z[:count], z[count:]
     d = d - operators.factor.solve(operators.multiplier_force(*delassus.split(delassus.u * dx))) + delassus.N @ da

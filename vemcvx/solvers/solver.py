@@ -95,8 +95,8 @@ class Solver(ABC):
         Parameters
         ----------
         operators : Operators
-            The scaled matrices K, B, D and compliances of all steps; `operators.factor` solves with K. A dense K is
-            condensed to the unknowns on which norm terms or limits act.
+            The scaled matrices K, B, D and compliances of all steps; `operators.factor` is the factor of K. A dense K
+            is condensed to the unknowns on which norm terms or limits act.
 
         Returns
         -------

@@ -173,7 +173,7 @@ class State:
     """The state at an instant. Dragged terms follow the m norm terms of the program."""
 
     t: float
-    y: Floats  # the stored unknowns
+    y: Floats  # the retained unknowns
     unbalanced: Floats  # load - K y
     data: StepData
     weights: Floats  # (terms,) weights of the last step

@@ -250,7 +250,7 @@ TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 
 
 class Recorder:
-    """The recorder of a trajectory."""
+    """A writer of states into the arrays of a trajectory."""
 
     def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage

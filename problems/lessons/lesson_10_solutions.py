@@ -29,7 +29,7 @@ bound = norm(tau - force(v))
 
 # %% [markdown]
 # **1.** $\sigma$ lies on the circle whose diameter joins $\mathbb C\,\varepsilon(v)$ and $\tau$. The mean of both
-# fields is the centre, so the distance of $\sigma$ from the mean is the radius, half the bound.
+# fields is the centre. So the distance of $\sigma$ from the mean is the radius, and the bound is the diameter.
 
 # %%
 mean = 0.5 * (tau + force(v))
@@ -49,9 +49,9 @@ assert abs(above - below - 0.5 * bound**2) < 1e-10
 
 # %% [markdown]
 # **3.** Add to $\tau$ a combination of states without a load, and choose the factors for which $|\delta|$ is smallest.
-# This is a least-squares problem. A net has finitely many independent states without a load. If we combine all of them,
-# the bound becomes the error itself. A continuum has infinitely many states without a load, so we take states of a
-# mesh.
+# This is a least-squares problem. A net has finitely many independent states without a load. If we use all these
+# states, the bound equals the error of $v$. A continuum has infinitely many states without a load, so we take states of
+# a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)
@@ -63,8 +63,8 @@ assert better < bound
 
 # %% [markdown]
 # **4.** Keep only the terms of some nodes in the sum of the exercise, and divide by the smallest reserve
-# $w_i - |\lambda_i|$ of these nodes. This bounds the sum of their slips. So the *size* of the slips is certainly small.
-# It is not certain that a node sticks, because a slip of any small size is possible.
+# $w_i - |\lambda_i|$ of these nodes. This bounds the sum of the slips of these nodes. It does not prove that a node
+# sticks, because the bound is not zero.
 
 # %%
 w = np.full(free, 0.8)

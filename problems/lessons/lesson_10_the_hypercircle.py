@@ -3,18 +3,18 @@
 
 # %% [markdown]
 # *You need:* energy norms and weak forms; the gap of a step (lesson 6); error estimates (lesson 7). *You will see:* a
-# bound of the error from any two admissible fields, without the solution. Friction changes the bound. `vx.error_bound`
-# computes the bound for a body, and an interval for a displacement that one may measure.
+# bound of the error from any two admissible fields, without the solution; the bound with friction; and the function
+# `vx.error_bound`, which computes the bound for a body and an interval for a displacement.
 #
 # A certificate (lesson 6) bounds the distance of an answer to the solution *on the same mesh*. A residual estimate
-# measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found that no constant is
-# needed.
+# measures the error of the mesh, but contains an unknown constant. In 1947 Prager and Synge found a bound without an
+# unknown constant.
 #
 # ## 1. A net of springs
 #
-# A net of springs is held along one side, and its nodes move out of the plane by $u_i$. A spring from $i$ to $j$ is
-# stretched by $u_i - u_j$. The vector $\varepsilon(u)$ of all stretches causes the forces $\sigma$, which balance the
-# load $f$:
+# A net of springs is held along one side, and its nodes move out of the plane by $u_i$. A spring from node $i$ to node
+# $j$ is stretched by $u_i - u_j$. The vector $\varepsilon(u)$ of all stretches causes the forces $\sigma$, which
+# balance the load $f$:
 #
 # $$\sigma = \mathbb C\, \varepsilon(u), \qquad \varepsilon^T \sigma = f.$$
 #
@@ -26,9 +26,9 @@
 # $$\begin{gathered} \text{displacements } v \text{ that are zero where the net is held,} \\
 # \text{forces } \tau \text{ in equilibrium, } \varepsilon^T \tau = f . \end{gathered}$$
 #
-# The forces of $v$ need not balance the load, and $\tau$ need not belong to a displacement. Only the solution belongs
-# to both sets: $u$ is an admissible displacement, and $\sigma = \mathbb C\, \varepsilon(u)$ are admissible forces. The
-# norm of forces is $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, the norm of displacements is $|v|^2 = v^T K v$. So
+# The forces of $v$ need not balance the load, and $\tau$ need not belong to a displacement. Only the solution satisfies
+# both conditions: $u$ is an admissible displacement, and $\sigma = \mathbb C\, \varepsilon(u)$ are admissible forces.
+# The norm of forces is $|\tau|^2 = \tau^T \mathbb C^{-1} \tau$, the norm of displacements is $|v|^2 = v^T K v$. So
 # $|v| = |\mathbb C\, \varepsilon(v)|$.
 
 # %%
@@ -132,26 +132,27 @@ _figure
 
 # %% [markdown]
 # **Question:** The bound $|u - v| \le |\delta|$ holds for *every* $\tau$ in equilibrium. When is the bound close to the
-# error? What is the effect of a bad $\tau$?
+# error? How does a large error of $\tau$ change the bound?
 #
 # <details><summary>Answer</summary>
 #
 # The bound is the hypotenuse of a right triangle whose legs are the errors of $v$ and $\tau$. So the bound is close if
-# the error of $\tau$ is small. A bad $\tau$ never makes the bound wrong, but makes it large. If both legs are equal,
-# the bound is $\sqrt 2$ times the error. For a bound of 1.1 times the error, the error of $\tau$ must be less than half
-# of the error of $v$.
+# the error of $\tau$ is small. If the error of $\tau$ is large, the bound still holds, but it is large. If both legs
+# are equal, the bound is $\sqrt 2$ times the error. For a bound of 1.1 times the error, the error of $\tau$ must be
+# less than half of the error of $v$.
 #
 # </details>
 #
-# ## 3. A number that one may measure
+# ## 3. The displacement of one node
 #
-# We are interested in one quantity, the displacement of one node, $Q(u) = u_i$. Let $z$ be the solution of the same net
-# under a unit force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a second circle.
-# The product of two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
+# We are interested in one quantity, $Q(u) = u_i$ for one node $i$. Let $z$ be the solution of the same net under a unit
+# force at this node. This second problem has admissible fields $v_z$ and $\tau_z$, and a second circle. The product of
+# two forces is $(\sigma, \tau) = \sigma^T \mathbb C^{-1} \tau$. Then
 # $Q(u - v) = (\mathbb C\,\varepsilon(u - v),\, \mathbb C\,\varepsilon(z))$.
 #
 # The force $\sigma$ lies on the first circle, and $\mathbb C\,\varepsilon(z)$ lies on the second. Let
-# $\delta_z = \tau_z - \mathbb C\,\varepsilon(v_z)$. The centres give a value $m$, and the radii bound the deviation:
+# $\delta_z = \tau_z - \mathbb C\,\varepsilon(v_z)$. The centres of both circles determine a value $m$. The radii bound
+# the difference between $Q(u)$ and $m$:
 #
 # $$\begin{gathered} \big|\, Q(u) - m \,\big| \le \tfrac12\, |\delta|\,|\delta_z| , \\
 # m = Q(v) + f^T v_z - (\mathbb C\,\varepsilon(v), \mathbb C\,\varepsilon(v_z)) + \tfrac12 (\delta, \delta_z) .
@@ -184,9 +185,8 @@ assert widths[0] / widths[-1] > 40
 # ## 4. Friction
 #
 # Now friction acts at every node, with the bounds $w_i$: $u$ minimises $\tfrac12 v^T K v - f^T v + \sum_i w_i |v_i|$.
-# Admissible forces $\tau$ balance the load together with friction forces $|\lambda_i| \le w_i$:
-# $\varepsilon^T \tau = f - \lambda$. The deviation from the friction law adds the term $\Phi$, a part of the gap of
-# lesson 6:
+# The admissible forces are now pairs $(\tau, \lambda)$ with $\varepsilon^T \tau = f - \lambda$ and
+# $|\lambda_i| \le w_i$. The bound now has an additional term $\Phi$, the second part of the gap of lesson 6:
 #
 # $$\Phi = \sum_i (w_i |v_i| - \lambda_i v_i) \;\ge\; 0 , \qquad
 #   |u - v|^2 \le (\delta,\, \mathbb C\,\varepsilon(u - v)) + \Phi .$$
@@ -195,7 +195,7 @@ assert widths[0] / widths[-1] > 40
 #
 # $$|u - v| \le \tfrac12 |\delta| + \sqrt{\tfrac14 |\delta|^2 + \Phi} .$$
 #
-# The circle has become a ball with the same centre and with this root as its radius. The solution lies in this ball.
+# The solution $\sigma$ lies in a ball with the centre of the circle. The square root is the radius of this ball.
 
 # %%
 w = rng.uniform(0.2, 1.0, len(u))
@@ -214,29 +214,29 @@ n_stick = np.sum(np.abs(exact) < 1e-6)
 print(f"{n_stick} of {len(u)} nodes stick; bound over error {min(ratios):.2f} ... {max(ratios):.2f}")
 # The error of Clarabel's answer is below a millionth.
 assert min(ratios) > 1.0 - 1e-4
-assert min(ratios) < 1.5  # good pairs have good bounds
+assert min(ratios) < 1.5
 
 # %% [markdown]
-# **Question:** Which friction $\lambda$ makes $\Phi = 0$? Why is this $\lambda$ not always the best choice?
+# **Question:** Which $\lambda$ makes $\Phi = 0$? Why is this $\lambda$ not always the best choice?
 #
 # <details><summary>Answer</summary>
 #
-# $\lambda_i = w_i \operatorname{sign} v_i$ where $v_i$ is not zero: then every term of $\Phi$ vanishes. But these
-# forces obey the law for a *wrong* displacement, and the stress that balances them may be far from $\sigma$. The best
-# pair makes $|\delta|$ and $\Phi$ small together. The multipliers of the computed answer make both small.
+# Every term of $\Phi$ vanishes if $\lambda_i = w_i \operatorname{sign} v_i$ at all nodes with $v_i \ne 0$. But these
+# forces obey the friction law for the *wrong* displacement $v$, and the forces $\tau$ that balance them may be far from
+# $\sigma$. The multipliers of the computed answer make both $|\delta|$ and $\Phi$ small.
 #
 # </details>
 #
 # ## 5. A body
 #
 # A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. We split every cell
-# into triangles, and take polynomials on triangles whose tractions agree across edges. With the body force $f$ these
-# stresses satisfy
+# into triangles. On each triangle the components of the stress $\tau$ are polynomials, and tractions agree across
+# edges. With the body force $f$ the stress satisfies
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
-# The function `vx.error_bound` computes the best of these stresses for one polynomial degree, and bounds the distance
-# to the solution for the *body*, not to the solution on the mesh.
+# The function `vx.error_bound` computes the stress with the smallest bound for a polynomial degree. The bound is for
+# the distance to the solution of the *body*, not to the solution on the mesh.
 
 # %%
 
@@ -268,29 +268,27 @@ assert max(one.low for _, one in bounds.values()) < min(one.high for _, one in b
 assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 
 # %% [markdown]
-# The error, in the energy norm, is known from both sides without a finer mesh. For $n = 12$ the upper bound is 14 per
-# cent above the lower bound. The interval of the mean assumes nothing about sticking and slipping nodes.
+# So the error in the energy norm has an upper and a lower bound, without a finer mesh. For $n = 12$ the upper bound is
+# 14 per cent above the lower bound.
 #
 # **Question:** A colleague's residual estimate of the error for $n = 12$ is 0.018, and the lower bound is 0.022. Can
 # the estimate be right?
 #
 # <details><summary>Answer</summary>
 #
-# No: by a theorem, the error is at least 0.022, so the estimate is too small. Lower bounds detect wrong estimates
-# without a reference solution.
+# No: the error is at least 0.022, so the estimate is too small. The lower bound detects the wrong estimate, and no
+# reference solution is needed.
 #
 # </details>
 #
 # ## Exercises
 #
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
-#    bound, and check it.
+#    bound.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above the least energy. How does the energy of $v$, minus the complementary energy, depend on the
-#    circle?
-# 3. Improve a bad $\tau$: add a state of force without a load. Choose the state that makes the bound smallest. How
-#    large is this bound?
-# 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. What is
-#    certain about nodes that seem to stick?
+#    any $v$ is above the least energy. How does the difference of both energies depend on the circle?
+# 3. Add to $\tau$ the state of force without a load for which the bound is smallest. How large is this bound?
+# 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. What does
+#    this prove about nodes that stick in the answer?
 #
 # Solutions: `lesson_10_solutions.py`.

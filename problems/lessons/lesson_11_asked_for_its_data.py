@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* active sets (lesson 5), the dual of a step (lesson 9), least squares. *You will see:* the derivative of an
-# answer with respect to the data, forwards and backwards; a fit to a noisy loop; and the largest load, from a cone
+# answer with respect to the data, computed in two orders; a fit to a noisy loop; and the largest load, from a cone
 # program.
 #
 # So far we knew the data, such as stiffness, loads and friction bounds, and computed the answer. Now we know the
@@ -24,13 +24,13 @@ import vemcvx as vx
 #
 # $$u(K, f, w) = \max\Bigl(0, \frac{f - w}{K}\Bigr) .$$
 #
-# The answer is a function of the data. If we know whether the slider sticks or slips, the derivative is
+# The answer is a function of the data. Its derivative is
 #
 # $$\frac{\partial u}{\partial (K, f, w)} = \begin{cases} (0, 0, 0) & \text{sticks: } f < w, \\
 #   \bigl(-(f - w)/K^2,\; 1/K,\; -1/K\bigr) & \text{slips: } f > w. \end{cases}$$
 #
 # Below we compare this formula with difference quotients, and with `vx.sensitivities`. The package needs a body: a unit
-# square of rubber without Poisson's effect, whose top moves by $f/K$. The square is the spring, and its bottom side is
+# square of rubber with Poisson's ratio zero, whose top moves by $f/K$. The square is the spring, and its bottom side is
 # the slider.
 
 
@@ -75,9 +75,9 @@ for _data in (slips, sticks):
     assert not _found.one_sided.any()
 
 # %% [markdown]
-# **At the kink**, $f = w$, there is no derivative, but a derivative on each side. A larger pull moves the slider, a
-# smaller pull does not. If the force differs from its bound by no more than the certificate, the package returns the
-# derivative of one of the two sides, logs a warning, and marks the step in the array `one_sided`.
+# **At the kink**, $f = w$, the answer has only one-sided derivatives. A larger pull moves the slider, a smaller pull
+# does not. If the force of friction differs from its bound by no more than the certificate, the package returns one of
+# the two one-sided derivatives, logs a warning, and sets the entry of the step in the array `one_sided` to True.
 
 # %%
 kink = [2.0, 1.0, 1.0]
@@ -91,34 +91,34 @@ _sides = [derivative(2.0, 1.0 + side, 1.0) for side in (-1e-9, 1e-9)]
 assert min(np.abs(at_kink.jacobian[0, -1] - side).max() for side in _sides) <= 1e-8
 
 # %% [markdown]
-# **Question:** A program computes the derivative by $w$ with a *central* difference quotient, over an interval that
-# contains the kink. Which values can the quotient have, and how would you notice the error?
+# **Question:** A program computes the derivative with respect to $w$ by a *central* difference quotient, over an
+# interval that contains the kink. Which values can the quotient have, and how would you notice the error?
 #
 # <details><summary>Answer</summary>
 #
 # The quotient can have every value between the two derivatives, here between $-1/K$ and 0. Smaller intervals need not
 # help: if the kink is the centre, the quotient is $-1/(2K)$ for every interval. Compare the quotients of both halves of
-# the interval instead. Away from a kink their difference tends to zero with the length of the interval. At the kink
-# their difference stays $1/K$.
+# the interval instead. Without a kink in the interval, the difference of both quotients tends to zero with the length
+# of the interval. With the kink in the centre, this difference is $1/K$ for every interval.
 #
 # </details>
 #
 # ## 2. Eight nodes: forward and adjoint
 #
-# We take the step of lesson 9 again, from rest, with eight contact nodes. On known active sets the answer
-# $y = (u, \lambda)$ obeys *linear* equations. The first equation is the balance of forces. The second equation holds at
-# nodes that stick, the third at nodes that slip:
+# We take the step of lesson 9 again, from rest, with eight contact nodes. If we know which nodes stick and in which
+# direction the others slip, the answer $y = (u, \lambda)$ obeys *linear* equations. The first equation is the balance
+# of forces. The second equation holds at nodes that stick, the third at nodes that slip:
 #
 # $$K u + \lambda = f, \qquad u_i = 0 \;\text{ or }\; \lambda_i = w_i\, \mathrm{sign}(u_i) .$$
 #
-# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. The parameters only change the right-hand
-# sides of these equations. So the derivatives obey
+# The parameters $\theta$ are the eight bounds $w_i$ and a factor of the load. Only the right-hand sides of these
+# equations depend on $\theta$. So the derivatives obey
 #
 # $$M\, dy = R\, d\theta, \qquad M = \begin{pmatrix} K & I \\ \text{stick} & \text{slip} \end{pmatrix},$$
 #
-# where "stick" and "slip" are diagonal matrices of zeros and ones, and $R$ contains the derivatives of the right-hand
-# sides. Newton's method found the sets, and $M$ is its last matrix. (A change $dK$ of the stiffness adds $-dK\,u$ to
-# the first right-hand side.)
+# where "stick" is the diagonal matrix with ones at the nodes that stick, "slip" is the diagonal matrix with ones at the
+# nodes that slip, and $R$ contains the derivatives of the right-hand sides. $M$ is the matrix of the last iteration of
+# Newton's method.
 
 
 # %%
@@ -182,14 +182,15 @@ differences = [(quantities(theta + one) - quantities(theta - one)) / 2e-4 for on
 assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forward).max()
 
 # %% [markdown]
-# **Many steps.** A node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So each step passes
-# derivatives to the next step, and the adjoint runs backwards in time:
+# **Many steps.** A node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So $dy_n$ depends on
+# $dy_{n-1}$, and the adjoint runs backwards in time:
 #
 # $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
 #   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$
 #
-# where $T_n$ copies the displacements of sticking nodes. We load the block, unload it and load it backwards, in 32
-# steps. The quantity is the displacement of the left end after the last step; the parameters are the eight bounds.
+# where $b_n$ is the derivative of $Q$ with respect to $y_n$. The matrix $T_n$ copies the displacements of nodes that
+# stick from step $n - 1$. The load of the block grows, falls to the opposite value and returns to zero, in 32 steps.
+# The quantity is the displacement of the left end after the last step; the parameters are the eight bounds.
 
 # %%
 times = np.linspace(0.0, 4.0, 33)
@@ -222,8 +223,9 @@ assert solved == {"forward": 32 * m, "adjoint": 32}
 assert np.abs(gradient - dy[0]).max() <= 1e-13 * np.abs(gradient).max()
 
 # %% [markdown]
-# `vx.sensitivities` makes both sweeps for a scene: `jacobian` is forward, `gradient` is adjoint. Here the bound has a
-# value at each node, and `shapes` are the hat functions of the nodes. A nodal bound $w_i$ is this value times a length.
+# `vx.sensitivities` computes both sweeps for a scene: `jacobian` is forward, `gradient` is adjoint. Here the bound has
+# a value at each node, and `shapes` contains the hat functions of the nodes. A nodal bound $w_i$ is the value at the
+# node times a length.
 
 
 # %%
@@ -245,8 +247,8 @@ assert np.abs(found.gradient(last) - length * gradient).max() <= 1e-9 * np.abs(l
 assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.abs(found.jacobian).max()
 
 # %% [markdown]
-# **Question:** You look for three parameters and have measured one force at 64 instants. A colleague wants a bound at
-# each of 1,000 contact nodes, and minimises one sum of squares. Who needs which sweep?
+# **Question:** You fit three parameters to a force that was measured at 64 instants. A colleague fits the bounds of
+# 1,000 contact nodes, and minimises one sum of squares. Who needs which sweep?
 #
 # <details><summary>Answer</summary>
 #
@@ -264,7 +266,7 @@ assert np.abs(found.jacobian[0, -1] - found.gradient(last)).max() <= 1e-12 * np.
 #
 # $$\sum_n r_n(\theta)^2, \qquad r_n = Q_n(\theta) - \text{measured}_n .$$
 #
-# The Jacobian $J = dr/d\theta$ also provides standard errors. If the noise has the standard deviation $\sigma$, the
+# The standard errors follow from the Jacobian $J = dr/d\theta$. If the noise has the standard deviation $\sigma$, the
 # covariance of the fitted parameters is, to first order,
 #
 # $$\sigma^2 (J^T J)^{-1} .$$
@@ -290,9 +292,9 @@ assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J))))
 
 # %% [markdown]
 # **A step is a convex program, but a fit is not.** With these data, a search from the bound 8 ends at another answer.
-# This answer has small standard errors, too, because standard errors describe the neighbourhood of an answer only. But
-# its residuals are much larger than the noise of the instrument. So start the search from several parameters, and
-# compare the residuals with the noise.
+# The standard errors of this answer are small, too, because they describe only a neighbourhood of the answer. But the
+# residuals are much larger than the noise of the measurement. So start the search from several parameters, and compare
+# the residuals with the noise.
 
 # %%
 elsewhere = fit_from([150.0, 8.0])
@@ -321,7 +323,7 @@ _figure
 # singular, and least squares alone cannot determine this bound.
 #
 # To determine the bounds of all nodes, we need an assumption. For example, assume that each bound is known beforehand,
-# up to $\pm 2$. The covariance is then
+# with the standard deviation 2. Then the covariance is
 #
 # $$\Bigl(\frac{J^T J}{\sigma^2} + \frac{I}{2^2}\Bigr)^{-1} .$$
 
@@ -339,9 +341,8 @@ assert np.abs(after[never] - assumed).max() <= 1e-12
 assert (after[~never] < 0.5 * assumed).all()
 
 # %% [markdown]
-# For a node that never slips the measurements yield an inequality: its bound is at least the largest force that the
-# node has borne. All larger bounds explain the measurements equally well; a smaller bound changes the answer. A
-# standard error cannot express an inequality.
+# If a node never slips, its bound is at least the largest friction force at this node. All larger bounds explain the
+# measurements equally well; a smaller bound changes the answer.
 
 # %%
 borne = np.abs(by_nodes.history.contact.traction[:, :, 0]).max(axis=0)
@@ -355,11 +356,12 @@ for _factor, _same in ((0.99, False), (1.01, True), (10.0, True)):
 # %% [markdown]
 # ## 4. The limit load: a program without stiffness
 #
-# A plate lies on a rough plane, and friction alone holds it. A force $\alpha$ pushes one end, at right angles to the
-# axis of the plate. How large may $\alpha$ become? The plate has three rigid motions: two translations and a rotation.
+# A plate lies on a rough plane, and friction alone holds it. A force $\alpha$ pushes one end in the plane, at right
+# angles to the axis of the plate. How large may $\alpha$ become? The plate has three rigid motions: two translations
+# and a rotation.
 #
 # Friction forces $\lambda_i$ must balance the push. The columns of $N_i$ are the rigid motions of node $i$, and $f$
-# contains the work of a unit push in these motions. The bound per area is 1, so $w_i$ equals the area of node $i$:
+# contains the work of a unit push in the rigid motions. The bound per area is 1, so $w_i$ equals the area of node $i$:
 #
 # $$\max \alpha \quad \text{subject to} \quad \sum_i N_i^T \lambda_i = \alpha f, \qquad |\lambda_i| \le w_i .$$
 
@@ -376,7 +378,7 @@ motion = balance.dual_value
 print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 
 # %% [markdown]
-# The multipliers of the balance are a rigid motion $\xi$: the plate fails by turning about a point of its axis.
+# The multipliers of the balance are a rigid motion $\xi$, the failure: the plate rotates about a point of its axis.
 #
 # To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction among the
 # motions in which the push does the work 1:
@@ -421,10 +423,11 @@ _figure
 # 1. The friction work $\sum_n w^T |u_n - u_{n-1}|$ contains the bounds explicitly. Extend the adjoint sweep of
 #    section 2 to this quantity, and check the gradient by difference quotients.
 # 2. A footing of the width $W$ and the weight $G$ stands on its two edges. A horizontal force acts at the height $h$.
-#    Contact is one-sided with Coulomb's law, $|\lambda_i| \le \mu p_i$. Write the limit load as a linear program, and
-#    compare it with $\min(\mu G,\, GW/2h)$. What is the motion in both cases?
-# 3. *Shakedown.* Two sliders in the plane, coupled by springs, undergo a cycle of loads $\alpha f(t)$ again and again.
-#    By Melan's theorem slip stops if constant forces $\bar\lambda_i$ exist with
+#    At edge $i$ the pressure is $p_i \ge 0$, and the friction force obeys Coulomb's law, $|\lambda_i| \le \mu p_i$.
+#    Write the limit load as a linear program, and compare it with $\min(\mu G,\, GW/2h)$. What is the motion if $\mu G$
+#    is smaller, and if $GW/2h$ is smaller?
+# 3. *Shakedown.* Two sliders in the plane are coupled by springs. A cycle of loads $\alpha f(t)$ is repeated again and
+#    again. By Melan's theorem slip stops if constant forces $\bar\lambda_i$ exist with
 #    $|\bar\lambda_i + \alpha \lambda^e_i(t)| < w_i$, where $\lambda^e_i$ are the friction forces for $\alpha = 1$ if
 #    nothing slips. Let $r_i$ be the radius of the smallest disc that contains all points $\lambda^e_i(t)$. Show that
 #    the largest $\alpha$ is $\min_i w_i/r_i$. Run 100 cycles with 0.98 and with 1.02 times this $\alpha$.

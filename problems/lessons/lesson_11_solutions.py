@@ -50,9 +50,8 @@ assert np.abs(gradient - np.abs(slips).sum(axis=0)).max() > 0.1  # the explicit 
 # %% [markdown]
 # **2.** The unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal
 # forces, vertical forces, and moments about the left edge. The multipliers of these rows are the motion. The footing
-# slides if the force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. (A
-# real footing would not rise: Coulomb's friction is not associated.) Under a force higher up, the footing tips about
-# its right edge.
+# slides if the force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. If
+# the force acts higher up, the footing tips about its right edge.
 
 # %%
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4
@@ -80,18 +79,17 @@ assert abs(tips[1] + WIDTH * tips[2]) <= 1e-6  # the right edge does not move up
 assert tips[1] > 0.1
 
 # %% [markdown]
-# **3.** Constant forces of any size are possible: slips of earlier cycles shift $Ku$ by any constant, because $K$ is
-# invertible. So the conditions on the two sliders are separate. As in the exercise, let $\bar\lambda_i$ be the constant
-# forces, and $\lambda^e_i(t)$ the friction forces of a cycle without slip. Slider $i$ needs a point
-# $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at most $w_i/\alpha$. This point is the centre of
-# a disc that contains all points $\lambda^e_i(t)$. Such a disc exists if and only if $w_i/\alpha$ is at least the
-# radius $r_i$ of the smallest disc. Therefore
+# **3.** The constant forces of the exercise can have any values, because $K$ is invertible. So the conditions on the
+# two sliders are separate. Let $\bar\lambda_i$ be the constant forces, and $\lambda^e_i(t)$ the friction forces of a
+# cycle without slip. Slider $i$ needs a point $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at
+# most $w_i/\alpha$. This point is the centre of a disc that contains all points $\lambda^e_i(t)$. Such a disc exists if
+# and only if $w_i/\alpha$ is at least the radius $r_i$ of the smallest disc. Therefore
 #
 # $$\alpha^* = \min_i\; w_i / r_i .$$
 #
 # The loads of slider 1 run around a triangle without obtuse angle, whose smallest disc is the circumscribed circle. The
-# loads of slider 2 run to and fro on a line; $r_2$ is half their range. While nothing slips, all changes of the load
-# are changes of friction.
+# loads of slider 2 run to and fro on a line, and $r_2$ is half the length of this line. While nothing slips, a change
+# of the load changes the friction force by the same amount.
 
 # %%
 corners = np.array([[[0.0, 0.0], [0.0, 0.0]], [[1.2, 0.0], [0.3, 0.4]], [[0.5, 1.0], [0.6, 0.8]]])  # instant, slider

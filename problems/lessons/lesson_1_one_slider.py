@@ -25,7 +25,7 @@ import numpy as np
 # <details><summary>Answer</summary>
 #
 # The block rests at $u = 0$ and the spring carries no force, so friction takes the whole pull: $\lambda = f$. Friction
-# can do so while $|f| \le w$. At rest, the balance of forces determines the force of friction.
+# can take the whole pull while $|f| \le w$. At rest, the balance of forces determines the force of friction.
 #
 # </details>
 
@@ -60,21 +60,21 @@ def block_and_spring():
 block_and_spring()
 
 # %% [markdown]
-# The motion is slow: there is no inertia, and the forces balance at every instant. While the block moves, $\lambda$ has
-# the magnitude of the bound and the sign of the velocity:
+# The motion is slow, so we neglect inertia: the forces balance at every instant. While the block moves, $\lambda$ has
+# the magnitude $w$ and the sign of the velocity:
 #
 # $$K u(t) + \lambda(t) = f(t), \qquad |\lambda| \le w,
 #   \qquad \lambda = w\,\mathrm{sign}(\dot u) \text{ while } \dot u \ne 0.$$
 #
-# At rest $\lambda$ can have any value between $-w$ and $w$, so it is not a function of $u$ or $\dot u$.
+# At rest $\lambda$ can have any value between $-w$ and $w$, so $\lambda$ is not a function of $u$ or $\dot u$.
 #
-# The two conditions on $\lambda$ have a common form: $\lambda$ is a *subgradient* at $\dot u$ of the function
-# $j(v) = w|v|$. This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
+# The two conditions on $\lambda$ are equivalent to one condition: $\lambda$ is a *subgradient* at $\dot u$ of the
+# function $j(v) = w|v|$. This means that a line of slope $\lambda$ touches the graph of $j$ at $\dot u$ from below:
 #
 # $$j(v) \ge j(\dot u) + \lambda\,(v - \dot u) \qquad \text{for all velocities } v.$$
 #
-# The substitution $\lambda = f - Ku$ eliminates the force of friction. The result is the variational inequality (2.3)
-# of the paper, with $a(u, v) = Kuv$:
+# The substitution $\lambda = f - Ku$ eliminates the force of friction. The paper writes $a(u, v)$ for $Kuv$. The result
+# is the variational inequality (2.3):
 #
 # $$K u\,(v - \dot u) + j(v) - j(\dot u) \;\ge\; f\,(v - \dot u) \qquad \text{for all } v.$$
 
@@ -82,18 +82,18 @@ block_and_spring()
 # ## 2. One step in time, and the program
 #
 # Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position one time step $k$ earlier.
-# We also write every velocity $v$ as $(v - u_{prev})/k$, with a new $v$ that is a position. Lesson 4 shows why $k$
-# cancels. The inequality (2.34) of one step is
+# Every velocity has the form $(v - u_{prev})/k$ with a position $v$. We insert this form for the test velocity. Then
+# $k$ cancels (lesson 4), and the inequality (2.34) of one step is
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
-# The inequality of a step holds if and only if $u$ minimises the energy
+# This inequality holds if and only if $u$ minimises the energy
 #
 # $$P(u) = \tfrac12 K u^2 - f u + w\,|u - u_{prev}|,$$
 #
 # a parabola plus a term with a kink at the old position. *Proof.* $P$ is convex, so $u$ is its minimiser if and only if
-# zero is a subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$, and this
-# is the inequality. $\square$
+# zero is a subgradient of $P$ at $u$. Equivalently, $f - Ku$ is a subgradient of $w|\cdot - u_{prev}|$ at $u$. This is
+# the inequality. $\square$
 #
 # If the minimum of $P$ lies at the kink, the block sticks. If not, the derivative of $P$ vanishes at the minimum: at
 # $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
@@ -116,7 +116,7 @@ def step_by_hand(u_prev, f):
 
 # %% [markdown]
 # Does the clipped position minimise $P$, and does it solve the inequality? We compare this position with 8001 other
-# positions $v$. Differences below 1e-13 are rounding.
+# positions $v$. Differences below 1e-13 are rounding errors.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)
@@ -147,8 +147,8 @@ print(f"{len(cases)} steps by hand minimise the energy and solve the inequality"
 # <details><summary>Answer</summary>
 #
 # The slope on the right, $P'(0^+) = w - f$. The block moves to the right as soon as this slope is negative, that is for
-# $f > w$. (For any $u_{prev}$ the slope is $K u_{prev} - f + w$.) The slope on the left, $-f - w$, is negative for all
-# $f > -w$; this only shows that the block does not move to the left.
+# $f > w$. The slope on the left, $-f - w$, is negative for all $f > -w$. This only shows that the block does not move
+# to the left.
 #
 # </details>
 
@@ -191,7 +191,7 @@ energies((0.0, 0.8, 2.6))
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le w.$$
 #
 # The parabola $D$ has its vertex at $f - K u_{prev}$, the force that holds the block where it is. If friction can take
-# this force, the block sticks. If not, friction takes its bound. So the maximiser is again a clipped value:
+# this force, the block sticks. If not, friction is at its bound. So the maximiser is again a clipped value:
 #
 # $$\lambda = \mathrm{clip}(f - K u_{prev},\; -w,\; w).$$
 
@@ -236,14 +236,14 @@ print(f"{len(guesses)} guesses of position and force: the gap bounds the error o
 
 # %% [markdown]
 # The picture shows both programs on one energy scale: $P$ over positions on the left, $D$ over forces on the right. The
-# minimum of $P$ is as high as the maximum of $D$. **Question:** the block sticks in the upper row and slips in the
-# lower row. How does the graph of $D$ show this?
+# minimum of $P$ equals the maximum of $D$. **Question:** the block sticks in the upper row and slips in the lower row.
+# How does the graph of $D$ show this?
 #
 # <details><summary>Answer</summary>
 #
-# In the lower graph the maximum is at the right end, at $\lambda = w$, and $D$ still rises at this end: friction is at
-# its bound, and the block slips. The slope of $D$ at this end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 = 0.4$, is the
-# slip. In the upper graph the maximum is in the interior, where the slope is zero: there is no slip.
+# In the lower graph the maximum is at the right end, $\lambda = w$. Friction is at its bound, and the block slips. The
+# slope of $D$ at this end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 = 0.4$, is the slip. In the upper graph the
+# maximum is in the interior, where the slope is zero: there is no slip.
 #
 # </details>
 
@@ -279,8 +279,8 @@ two_programs((0.6, 1.8))
 #
 # 1. For which pulls does a block at $u_{prev} = 0.7$ stay where it is? Check with `step_by_hand`.
 # 2. Let $w = 0$. What remains of the inequality, of $P$, and of $D$?
-# 3. Write the gap as a sum of two terms that are each $\ge 0$: one vanishes when the forces balance, the other when the
-#    force of friction fits the slip.
+# 3. Write the gap as a sum of two terms $\ge 0$. The first term vanishes if the forces balance, the second term if the
+#    force of friction obeys its law.
 # 4. The table is a belt that moves by $\Delta$ during the step. How do $P$, the clip and $D$ change?
 # 5. Two blocks differ in their old positions only. Show that a step with the same pull does not increase their
 #    distance.

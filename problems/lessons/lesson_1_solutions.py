@@ -24,9 +24,9 @@ assert all(step(0.7, f) == 0.7 for f in inside)
 assert all(step(0.7, f) != 0.7 for f in beyond)
 
 # %% [markdown]
-# **2.** With $w = 0$ the absolute values vanish. The inequality $Ku(v - u) \ge f(v - u)$ holds for $v - u$ of either
-# sign, so it is the equation $Ku = f$. $P$ is a parabola. The only admissible $\lambda$ is 0, and $D(0) = -f^2/2K$ is
-# the value of $P$ at $u = f/K$.
+# **2.** With $w = 0$ the terms with absolute values vanish. The inequality $Ku(v - u) \ge f(v - u)$ holds for $v - u$
+# of either sign, so $Ku = f$. $P$ is a parabola. The only admissible $\lambda$ is 0, and $D(0) = -f^2/2K$ is the value
+# of $P$ at $u = f/K$.
 
 # %%
 assert all(step(u_prev, 1.9, bound=0.0) == 1.9 / K for u_prev in (-1.0, 0.0, 3.0))
@@ -37,8 +37,9 @@ assert all(step(u_prev, 1.9, bound=0.0) == 1.9 / K for u_prev in (-1.0, 0.0, 3.0
 # $$P(u) - D(\lambda) = \tfrac12 Ku^2 - fu + w|s| + \frac{(f - \lambda)^2}{2K} + \lambda u_{prev}
 #   = \frac{r^2}{2K} + (w|s| - \lambda s).$$
 #
-# To see this, expand $r^2 = (f - \lambda)^2 - 2(f - \lambda)Ku + K^2u^2$, and add and subtract $\lambda u$. The bracket
-# is $\ge 0$ because $|\lambda| \le w$. It vanishes if $s = 0$ or $\lambda = w\,\mathrm{sign}(s)$.
+# To see this, expand $r^2 = (f - \lambda)^2 - 2(f - \lambda)Ku + K^2u^2$, and add and subtract $\lambda u$. The term
+# $w|s| - \lambda s$ is $\ge 0$ because $|\lambda| \le w$. This term vanishes if $s = 0$ or
+# $\lambda = w\,\mathrm{sign}(s)$.
 
 # %%
 rng = np.random.default_rng(1)
@@ -52,7 +53,8 @@ assert abs(gap - sum(terms)).max() < 1e-14
 # **4.** Friction depends on the slip relative to the table, $s = u - u_{prev} - \Delta$. So $u_{prev} + \Delta$
 # replaces $u_{prev}$ in $P$, in the clip and in $D$. The belt carries the block along while
 # $(f - w)/K \le u_{prev} + \Delta \le (f + w)/K$. On a belt that never stops, with $\Delta = 0.1$ in every step, the
-# block comes to rest at $(f + w)/K$. There the force of the spring equals the pull plus the friction bound.
+# block comes to rest at $(f + w)/K$. At this position the force of the spring equals the sum of the pull and the
+# friction bound.
 
 
 # %%
@@ -69,9 +71,9 @@ assert ride(50) == w / K
 # %% [markdown]
 # **5.** Clipping two points to the same interval does not increase their distance. A second proof carries over to many
 # unknowns (lesson 4). Take $v = u_{prev,1} + u_2 - u_{prev,2}$ in the inequality of the first block: with this $v$ the
-# first block has the slip of the second block. Exchange both blocks, and add both inequalities. The terms in $w$
-# cancel, and $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So the errors of steps at most add up;
-# later steps do not amplify them.
+# first block has the slip of the second block. Exchange the roles of the blocks, and add both inequalities. The terms
+# in $w$ cancel, and $K(u_1 - u_2)^2 \le K(u_1 - u_2)(u_{prev,1} - u_{prev,2})$ remains. So later steps do not amplify
+# the error of a step.
 
 # %%
 pairs = rng.uniform(-2.0, 2.0, size=(200, 3))

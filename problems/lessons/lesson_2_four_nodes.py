@@ -2,8 +2,8 @@
 """# Lesson 2, four nodes: ten lines of cvxpy, and what the dual of a cone means"""
 
 # %% [markdown]
-# *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, what a conic
-# solver returns in addition to the positions, and how an absolute value becomes a cone in the plane.
+# *You need:* lesson 1; vectors and matrices. *You will see:* the program of a step in ten lines of cvxpy, and what a
+# conic solver returns in addition to the positions. In the plane, absolute values become lengths.
 #
 # Lesson 1 had one slider; this lesson has four in a row. Equation numbers refer to the paper of Feng, Han and Huang.
 
@@ -17,22 +17,22 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Four blocks in a row are joined by springs, and a last spring ties block 4 to a wall. All springs have stiffness 1.
-# The first block is pulled. Block $i$ has the friction bound $w_i$. A step (2.34) from $u_{prev}$ minimises, as in
-# lesson 1,
+# Springs join four blocks in a row, and another spring ties block 4 to a wall. All springs have stiffness 1. The first
+# block is pulled. Block $i$ has the friction bound $w_i$. As in lesson 1, the step (2.34) from the positions $u_{prev}$
+# to the positions $u$ minimises the energy
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\
 #   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}. \end{gathered}$$
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# A conic program requires that vectors lie in *cones*. The objective is linear or, as here, quadratic. So we replace
-# each absolute value by a variable $d_i$, a distance, and require
+# A conic program requires that vectors lie in *cones*. The objective of this program is linear or quadratic. To obtain
+# such an objective, we replace each absolute value by a variable $d_i$, a distance, and require
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
 #
-# So each pair $(d_i, u_i - u_{prev,i})$ lies in a cone. At the minimum $d_i$ equals the absolute value, because a
-# larger $d_i$ costs energy.
+# The pairs $(d_i, u_i - u_{prev,i})$ with this property form a cone. At the minimum $d_i$ equals the absolute value,
+# because a larger $d_i$ costs energy.
 
 # %%
 K = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -49,18 +49,18 @@ print("positions", np.round(u.value, 6) + 0.0)
 
 # %% [markdown]
 # **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 at each. The first spring carries the remaining
-# $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. Block 3 takes 0.2 by its own friction and does not move. So
-# $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
+# $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. The friction of block 3 takes 0.2, and block 3 does not move.
+# So $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
 #
 # How accurate is the solver? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$ of the
 # positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of
-# $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, the bound is much better. If the
-# computed slip of this block is $s_i$, the gap is at least (lesson 6)
+# $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, a much smaller bound holds. If
+# the computed slip of this block is $s_i$, the gap is at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
-# where $\lambda_i$ is the force of friction in the solution. This bound is *linear* in the slip. Here $\lambda_3 = 0.2$
-# and $\lambda_4 = 0$, so block 3 slips by at most 1e-8/0.3, block 4 by at most 1e-8/0.5.
+# where $\lambda_i$ is the force of friction in the solution. Here $\lambda_3 = 0.2$ and $\lambda_4 = 0$. So the
+# computed slip of block 3 is at most 1e-8/0.3, that of block 4 at most 1e-8/0.5.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])
@@ -70,7 +70,7 @@ assert (np.abs(u.value[2:]) < 1e-8 / np.array([0.5 - 0.2, 0.5 - 0.0])).all()
 print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e}, allowed {allowed:.0e}")
 
 # %% [markdown]
-# ## 2. The dual, and which part of it is a force
+# ## 2. Which part of the dual solution is a force
 #
 # As in lesson 1, write $w_i|s_i| = \max_{|\lambda_i| \le w_i} \lambda_i s_i$ with the slip $s = u - u_{prev}$, and
 # exchange minimum and maximum:
@@ -85,7 +85,7 @@ print(f"by hand   {by_hand}; difference {np.linalg.norm(u.value - by_hand):.0e},
 #
 # **What the solver returns.** For the cone $|s_i| \le d_i$ the solver returns a pair $(\xi_i, \zeta_i)$ in the *dual
 # cone*. The dual cone contains all pairs $(\xi, \zeta)$ with $\xi d + \zeta s \ge 0$ for every $(d, s)$ in the cone.
-# Here both cones are the same:
+# Here the dual cone equals the cone itself:
 #
 # $$|\zeta_i| \le \xi_i .$$
 #
@@ -115,8 +115,7 @@ print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(equal, because the
 # <details><summary>Answer</summary>
 #
 # Block 3 sticks, $u_3 = 0$, so the spring between blocks 3 and 4 keeps its length and carries no force. Block 4 is in
-# balance without friction: $\lambda_4 = f_4 - (Ku)_4 = 0$. A block that sticks acts like a wall on the blocks behind
-# it.
+# balance without friction: $\lambda_4 = f_4 - (Ku)_4 = 0$. A block that sticks acts like a wall.
 #
 # </details>
 
@@ -163,7 +162,7 @@ chain_picture()
 #
 # Now the four blocks stand on a table, and each may slide in any direction of the plane: $u_i \in \mathbb{R}^2$. The
 # springs act equally in $x$ and $y$. The absolute value becomes a length, and the set of admissible pairs becomes the
-# second-order cone (or ice-cream cone):
+# second-order cone:
 #
 # $$\{(d_i, s_i) : |s_i| \le d_i\}, \qquad s_i \in \mathbb{R}^2 .$$
 #
@@ -190,7 +189,7 @@ def step_in_the_plane(pull, before):
 # Where a block sticks, $\lambda_i$ may be anywhere in the disc.
 #
 # How accurately does the solver satisfy this equation? Complementarity holds up to the gap:
-# $w|s| - \lambda \cdot s \le$ 1e-8. For a $\lambda$ of length $w$ at a small angle $\theta$ to $s$ the left side is
+# $w|s| - \lambda \cdot s \le$ 1e-8. If $\lambda$ has the length $w$ and a small angle $\theta$ to $s$, the left side is
 # $w|s|(1 - \cos\theta) \approx w|s|\theta^2/2$. So $\theta$ is at most 2e-4 if $w = 0.5$ and $|s| = 1$.
 
 # %%
@@ -210,7 +209,7 @@ assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 # %% [markdown]
 # For each block the picture shows the disc, the force $\lambda_i$ in it, and the direction of the slip (dashed).
 # **Question:** in the second step block 1 is pulled at 60 degrees, but slips at 77 degrees. Why not at 60 degrees? And
-# would the sum of absolute values, $|s_x| + |s_y|$, give the same picture?
+# would the sum of absolute values, $|s_x| + |s_y|$, lead to the same picture?
 #
 # <details><summary>Answer</summary>
 #
@@ -219,7 +218,7 @@ assert np.abs(_directions - [77, 60, 47]).max() < 0.5
 # This rest is $(0.11, 0.49)$, at 77 degrees, and the block slips in this direction. Blocks 2 and 3 slip at 60 and 47
 # degrees, each in the direction of the sum of its two spring forces.
 #
-# The sum of absolute values gives another picture. Each component of the force then has its own bound, and the disc
+# The sum of absolute values leads to another picture. Each component of the force then has its own bound, and the disc
 # becomes a square. A block that slips forward in $x$ and $y$ has its force in a corner of the square, $(0.5, 0.5)$. The
 # force is at 45 degrees whatever the direction of the slip, and $\sqrt 2$ times as long as in the disc.
 #
@@ -252,12 +251,13 @@ def discs_picture():
 discs_picture()
 
 # %% [markdown]
-# ## 4. The same from the package
+# ## 4. The same program in the package
 #
 # `vx.march` solves problems of this form. `march` takes a matrix, a load as a function of time, and the terms
 # $w_i |s_i|$ (`vx.Norms`). `vx.Newton` is a semismooth Newton method (lesson 5), and `vx.Clarabel` is the
-# interior-point method of section 1. Each answer has a *certificate*, a bound on its error in the energy norm
-# (lesson 6). So the distance of the answers $u_N$ and $u_C$ is at most the sum of both certificates:
+# interior-point method of section 1. Each answer has a *certificate*, a bound on its error in the energy norm (lesson
+# 6). So the distance between the answer $u_N$ of Newton and the answer $u_C$ of Clarabel is at most the sum of both
+# certificates:
 #
 # $$|u_N - u_C|_K \le \sqrt{2\,\mathrm{gap}_N} + \sqrt{2\,\mathrm{gap}_C}, \qquad |u|_K^2 = u^T K u .$$
 
@@ -277,13 +277,13 @@ print(f"the answers are {apart:.0e} apart; the certificates allow {claimed:.0e}"
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First compute it by hand:
-#    a block moves back only if its springs pull it by more than 0.5. Then use `march` with the times 0, 1, 2.
+# 1. Pull the chain by $f = (1.2, 0, 0, 0)$, then let go. Which blocks move back, and how far? First compute the answer
+#    by hand: a block moves back only if its springs pull it by more than 0.5. Then use `march` with the times 0, 1, 2.
 # 2. Set $w = 0$. What remains of the program, of the dual, and of the answer?
 # 3. Block 1 is pulled in one step from rest. At which pull does block 4 begin to move?
 # 4. Replace the disc by the square $|\lambda_x|, |\lambda_y| \le w$, that is $|s|$ by $|s_x| + |s_y|$. Pull by 1.2 at
-#    45 degrees. How much larger is the friction on block 1 than with the disc? Why can a solver of quadratic programs
-#    now solve this step?
+#    45 degrees. By which factor does the force of friction on block 1 grow? Why can a solver of quadratic programs now
+#    solve this step?
 # 5. The dual pair of the cone of block 3 is $(\xi_3, \zeta_3) = (0.5, -0.2)$. How does the least energy change if $w_3$
 #    grows by 0.01? How does it change if block 3 starts at $u_{prev,3} = 0.01$?
 #

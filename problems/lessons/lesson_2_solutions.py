@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # We repeat the chain of the lesson. `march` with `Newton` is exact up to rounding. All numbers are of size 1, so we
-# allow 1e-13.
+# allow errors of 1e-13.
 
 # %%
 import cvxpy as cp
@@ -39,14 +39,13 @@ print("after the pull", back[1], "and after letting go", back[2])
 
 # %% [markdown]
 # **2.** With $w = 0$ only the smooth part of the energy remains. The answer solves the linear system $Ku = f$. The only
-# admissible $\lambda$ is zero, and the value of the dual is the least energy. All blocks move, also block 4.
+# admissible $\lambda$ is zero, and the value of the dual is the least energy. All blocks move.
 
 # %%
 assert near(path(lambda time: time * f, [0.0, 1.0], np.zeros(4))[1], np.linalg.solve(K, f))
 
 # %% [markdown]
-# **3.** All four blocks must have reached their bounds of 0.5, so the pull must exceed 2, however stiff the springs
-# are. At a pull of exactly 2 block 4 is about to move.
+# **3.** All four blocks must have reached their bounds of 0.5, so the pull must exceed 2.
 
 
 # %%
@@ -62,7 +61,7 @@ assert last_block(2.0 + 1e-6) > 1e-8
 # the components 0.5 and 0.5, and the length 0.707: $\sqrt 2$ times the force with the disc. So with the square,
 # friction depends on the directions of the axes. $|s_x| + |s_y|$ consists of two absolute values, and each can be
 # written with a variable and two linear inequalities. A solver of quadratic programs such as OSQP accepts linear
-# inequalities. A disc needs a second-order cone.
+# inequalities. The disc needs a second-order cone.
 
 
 # %%

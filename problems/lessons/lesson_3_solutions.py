@@ -19,7 +19,7 @@ def vertex_normals(x):
 
 
 def projection(x):
-    """Return the matrices that map v to the strains (3, 2n) and the vertex values (2n, 2n) of Pi v."""
+    """Return the matrices that map v to the strains (3, 2m) and the vertex values (2m, 2m) of Pi v."""
     N, (X, Y), zero, one = vertex_normals(x), x.T, np.zeros(len(x)), np.ones(len(x))
     length = np.linalg.norm(np.roll(x, -1, axis=0) - x, axis=1)
     mean = 0.5 * (length + np.roll(length, 1)) / length.sum()
@@ -48,9 +48,9 @@ triangle = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.1]])
 assert np.abs(projection(triangle)[1] - np.eye(6)).max() < 1e-13
 
 # %% [markdown]
-# **2.** The cantilever locks. Squares bend by hourglass modes, and these modes cost as much energy as changes of area.
-# Only the deflection by shear remains, a little more than $4/\mu = 12$. With $\eta = 2\mu$ the same mesh deflects by
-# 186; a fine mesh deflects by 197.
+# **2.** The cantilever locks. Squares bend by hourglass modes, and these modes now cost as much energy as changes of
+# area. Only the deflection by shear remains, a little more than $4/\mu = 12$. With $\eta = 2\mu$ the same mesh deflects
+# by 186, and a fine mesh by 197.
 
 
 # %%
@@ -82,8 +82,8 @@ print(f"deflection with eta = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, b
 
 # %% [markdown]
 # **3.** Five vertices have ten values. The linear fields have six dimensions, so four modes satisfy $\Pi v = 0$. The
-# square without the hanging node has two such modes. The patch test still holds: linear fields still belong to the
-# space. If a field is linear on the whole edge, a vertex in the middle changes no integral over the boundary.
+# square without the hanging node has two such modes. The patch test still holds, because linear fields still belong to
+# the space.
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -94,9 +94,9 @@ straight = np.insert(square @ np.array([[1.0, 0.3], [-0.2, 0.5]]), 1, [0.5, 0.15
 assert np.abs(projection(hanging)[1] @ straight - straight).max() < 1e-13
 
 # %% [markdown]
-# **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part
-# gives the first condition (three numbers), and its antisymmetric part gives the third condition. The second condition,
-# the mean over the boundary, is not needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
+# **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part is
+# the first condition, three numbers. Its antisymmetric part is the third condition. The second condition, the mean over
+# the boundary, is not needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
 
 # %%
 pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7]])
@@ -107,9 +107,9 @@ strain_of_v = projection(pentagon)[0] @ v.ravel()
 assert np.abs(strain_of_v - [gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]]).max() < 1e-13
 
 # %% [markdown]
-# **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ the matrix is multiplied, too, and
-# $u$ does not change. With $\eta = 1$ the stabilisation is not multiplied, and is a millionth of its proper size. Then
-# hourglass modes cost almost no energy, and the answer depends on the unit of stress.
+# **5.** In Pa, all moduli and the load are multiplied by $10^6$. With $\eta = 2\mu$ the whole stiffness matrix is
+# multiplied by $10^6$, and $u$ does not change. With $\eta = 1$ the stabilisation does not change, and hourglass modes
+# cost almost no energy. So the answer depends on the unit of stress.
 
 # %%
 steel = np.array(lame(0.3))

@@ -2,14 +2,14 @@
 """# Lesson 3, virtual elements from scratch: projection, stabilisation, patch test, locking"""
 
 # %% [markdown]
-# *You need:* P1 finite elements, Gauss' theorem, linear elasticity. *You will see:* the stiffness matrix of a pentagon
-# by hand, equal to the matrix of the package; the patch test; and why nearly incompressible bodies lock on some meshes.
+# *You need:* P1 finite elements, Gauss' theorem, linear elasticity. *You will see:* the stiffness matrix of a pentagon,
+# by hand and by the package; the patch test; and why nearly incompressible bodies lock on some meshes.
 #
-# Virtual elements are finite elements whose cells may be any polygons. The functions of a cell are known on its
-# boundary only, hence *virtual*. The method needs only a few averages of each function, and these averages follow
-# exactly from the vertex values.
+# Virtual elements are finite elements whose cells may be any polygons. The functions of a cell are *virtual*: we know
+# them on the boundary of the cell only. The method needs a few averages of each function, and the vertex values
+# determine these averages exactly.
 #
-# Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$; here a cell is $\omega$, and
+# Equation numbers refer to the paper of Feng, Han and Huang. The paper calls a cell $K$. Here a cell is $\omega$, and
 # $K$ is a stiffness matrix.
 
 # %%
@@ -23,25 +23,26 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Functions that we never evaluate
 #
-# On a polygon $\omega$ with vertices $x_1, \dots, x_n$ the space (3.11) contains the fields $v$ whose components are
-# harmonic inside and linear on every edge. A field is determined by its $2n$ vertex values. All linear fields belong to
+# On a polygon $\omega$ with the vertices $x_1, \dots, x_m$ the space (3.11) contains the fields $v$ whose components
+# are harmonic inside and linear on every edge. The $2m$ vertex values determine a field. All linear fields belong to
 # the space, and the fields of two cells agree on a common edge. But we do not know $v$ inside the cell.
 #
-# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary, where $v$ is linear on
-# each edge. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the outward unit normal $n_i$, and let
+# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary. Let $n$ be the outward
+# unit normal. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the normal $n_i$, and let
 # $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$. Then
 #
 # $$\int_\omega \nabla v \,dx = \int_{\partial \omega} v \otimes n \,ds = \sum_i v_i \otimes N_i .$$
 #
-# So the mean strain, the mean rotation and the mean over the boundary are linear functionals of the vertex values.
+# So the mean strain, the mean rotation and the mean value on the boundary are linear functions of the vertex values.
 #
-# These three means define the *projection* $\Pi v$, the linear field with
+# These means define the *projection* $\Pi v$, the linear field with
 #
-# $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(y) = \int_\omega \varepsilon(v) : \varepsilon(y)
-#   \;\; \forall \text{ linear } y, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
+# $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(q) = \int_\omega \varepsilon(v) : \varepsilon(q)
+#   \;\; \text{for all linear } q, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
 #   \qquad \int_\omega \nabla \times \Pi v = \int_\omega \nabla \times v. \end{gathered}$$
 #
-# The six functionals are the rows of a matrix $F$ that acts on the vertex values $(v_{1x}, v_{1y}, v_{2x}, \dots)$:
+# Here $\varepsilon$ is the strain. These are six conditions. Their right-hand sides are linear functions of the vertex
+# values $(v_{1x}, v_{1y}, v_{2x}, \dots)$. The matrix $F$ contains the coefficients:
 
 
 # %%
@@ -69,8 +70,8 @@ def functionals(x):
 
 # %% [markdown]
 # Linear fields are combinations of two translations, one rotation and three fields of constant strain. Their vertex
-# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, its six functionals are $FVp$. These
-# functionals must equal the functionals $Fv$ of $v$, so
+# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, the left-hand sides of the six conditions
+# are $FVp$. The right-hand sides are $Fv$, so
 #
 # $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
 #   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$
@@ -96,7 +97,7 @@ to_coefficients, Pi = projections(pentagon)
 
 # %% [markdown]
 # If $\Pi$ is a projection, $\Pi$ leaves linear fields unchanged, and $\Pi\,\Pi = \Pi$. We allow rounding errors of
-# 1e-13 in this section.
+# 1e-13.
 
 # %%
 assert np.abs(Pi @ linear_fields(pentagon) - linear_fields(pentagon)).max() < 1e-13
@@ -114,17 +115,16 @@ print(f"Pi is a projection of rank 6 on the {len(Pi)} vertex values of a pentago
 #   + S_\omega(u - \Pi u,\; v - \Pi v).$$
 #
 # The first term is exact if one of the two fields is linear (*consistency*, (2.8)). But the rank of this term is 3. A
-# pentagon has ten unknowns, and three independent motions are rigid. So four deformations would cost no energy: the
-# fields with $\Pi v = 0$, called *hourglass modes*.
+# pentagon has ten unknowns, and three independent motions are rigid. So four independent deformations cost no energy:
+# the fields with $\Pi v = 0$, called *hourglass modes*.
 #
-# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy need not equal the exact
-# energy, but it must be of the same size (*stability*, (2.9)). In vertex values,
+# The second term, the *stabilisation*, gives energy to the remainder $v - \Pi v$. This energy must have the size of the
+# exact energy (*stability*, (2.9)). In vertex values,
 #
 # $$S_\omega = \eta\,(I - \Pi)^T (I - \Pi), \qquad \eta = 2\mu .$$
 #
-# The text of the paper has $\eta = 1$ (in the package `Elasticity(stabilisation="unit")`). With this $\eta$ the answer
-# depends on the unit of stress (exercise 5). Lamé's moduli are $\mu$ and $\Lambda$ here, because $\lambda$ is a force
-# of friction in these lessons. In plane strain the stress is
+# Here $I$ is the identity, and $\mu$ and $\Lambda$ are Lamé's moduli. The paper has $\eta = 1$. With this $\eta$ the
+# answer depends on the unit of stress (exercise 5). In plane strain the stress is
 # $\mathbb C \varepsilon = 2\mu\,\varepsilon + \Lambda\,(\mathrm{tr}\, \varepsilon)\, I$.
 
 
@@ -153,8 +153,7 @@ print(f"the matrices by hand and by the package differ by {apart:.1e}")
 
 # %% [markdown]
 # With the stabilisation three eigenvalues are zero, for the three rigid motions. Without the stabilisation seven
-# eigenvalues are zero. Eigenvalues below 1e-13 of the largest eigenvalue count as zero. With the stabilisation the
-# smallest nonzero eigenvalue is a third of the largest.
+# eigenvalues are zero. We count an eigenvalue as zero if it is below 1e-13 times the largest eigenvalue.
 
 
 # %%
@@ -168,17 +167,16 @@ assert free_modes(by_hand) == 3
 assert free_modes(cell_stiffness(pentagon, *moduli, eta=0.0)) == 7
 
 # %% [markdown]
-# A square has three rigid motions (not drawn), three modes of constant strain, and two hourglasses with $\Pi v = 0$.
-# The picture has $\eta = \mu$, because for $\eta = 2\mu$ an hourglass has the eigenvalue of a shear, and the
-# eigenvectors mix. **Question:** which of the two terms of $a_\omega^h$ gives each mode its energy? What happens to the
-# eigenvalues if you increase $\eta$?
+# A square has three rigid motions (not drawn), three modes of constant strain, and two hourglasses with $\Pi v = 0$. In
+# the picture $\eta = \mu$. **Question:** which of the two terms of $a_\omega^h$ gives each mode its energy? What
+# happens to the eigenvalues if you increase $\eta$?
 #
 # <details><summary>Answer</summary>
 #
-# The first term gives the energy of the modes of strain. These modes are linear fields, so $\Pi v = v$ and
-# $S_\omega = 0$. The second term gives the energy of the hourglasses: their mean strain is zero, so the first term is
-# zero, and $S_\omega(v, v) = \eta |v|^2$. If you increase $\eta$, the eigenvalues of the two hourglasses, which equal
-# $\eta$, increase. The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
+# The first term gives the energy of the modes of strain. These modes are linear fields, so $\Pi v = v$ and the second
+# term is zero. The second term gives the energy of the hourglasses: their mean strain is zero, so the first term is
+# zero, and $S_\omega(v, v) = \eta |v|^2$. The eigenvalues of both hourglasses are $\eta$, so they increase with $\eta$.
+# The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
 #
 # </details>
 
@@ -213,12 +211,12 @@ modes()
 # ## 3. Many cells: the patch test
 #
 # The cells are assembled like finite elements. The *patch test* prescribes a linear field on the boundary of a mesh,
-# without any load inside. On every mesh, the solution must then be this field, up to rounding:
+# without any load inside. On every mesh, the solution must be this field, up to rounding. With a matrix $A$ and a
+# vector $b$:
 #
 # $$u = Ax + b \text{ on the boundary} \quad\Rightarrow\quad u = Ax + b \text{ at all vertices.}$$
 #
-# The patch test checks consistency, so it fails for wrong normals. It does not check the stabilisation, because
-# $v - \Pi v$ vanishes for linear $v$.
+# The patch test checks consistency. It does not check the stabilisation, because $v - \Pi v$ vanishes for linear $v$.
 
 
 # %%
@@ -254,16 +252,15 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # ## 4. Locking
 #
 # A cantilever, four long and one high, is clamped on the left. A downward force of 1 shears its right end. With the
-# vector $f$ of nodal loads, the end deflects by $f^T u$. For rubber $\nu \to \tfrac12$ and $\Lambda \to \infty$.
-# Changes of area cost more and more energy, and in the limit
+# vector $f$ of nodal loads, the mean deflection of the end is $f^T u$. For rubber, Poisson's ratio $\nu$ tends to
+# $\tfrac12$, and $\Lambda$ tends to infinity. Changes of area cost more and more energy. In the limit
 #
 # $$\mathrm{div}\, u = 0 .$$
 #
-# A mesh *locks* if this constraint prevents deformations that the body can perform. With P1 triangles
-# $\mathrm{div}\, u = 0$ is one condition per triangle, that is two per node: there are as many conditions as unknowns.
-# On squares $\mathrm{div}\, u = 0$ is one condition per node: there are half as many conditions as unknowns. In (3.13)
-# the modulus $\Lambda$ multiplies the mean divergence alone, once per cell, whatever the number of vertices. A
-# stabilisation with $\eta = 2\mu$ adds no further condition.
+# A mesh *locks* if this constraint prevents deformations that the body can perform. Every cell has one condition,
+# because $\Lambda$ multiplies only the mean divergence of the cell. Every node has two unknowns. A mesh of triangles
+# has about two triangles per node, and thus as many conditions as unknowns. A mesh of squares has about one square per
+# node, and thus half as many conditions as unknowns. A stabilisation with $\eta = 2\mu$ adds no condition.
 
 
 # %%
@@ -295,16 +292,17 @@ cantilever = {
 }
 
 # %% [markdown]
-# Which deflection do we expect? Timoshenko's beam of length 4, height 1 and stiffness $E' = E/(1 - \nu^2)$ deflects by
+# Which deflection do we expect? Let $E$ be Young's modulus, and $E' = E/(1 - \nu^2)$. Timoshenko's beam of the length 4
+# and the height 1 deflects by
 #
 # $$\frac{12 \cdot 4^3}{3 E'} + \frac{1.2 \cdot 4}{\mu},$$
 #
 # which is 206 at $\nu = \tfrac12$ and $E = 1$. The clamp makes the body a little stiffer.
 #
-# How much does a body deflect if it *cannot* bend? The shear $u = (0, -x)$ has no divergence, and it belongs to the
-# space of every mesh. So shear remains, with a deflection of at least $4/\mu = 12$. Locked triangles deflect by less
-# than a tenth of 206 on both meshes, and refinement does not help. On coarse squares and hexagons the deflection is too
-# small by less than a quarter, and refinement at least halves this error.
+# How much does a body deflect if it *cannot* bend? The shear $u = (0, -x)$ has no divergence, and every mesh can
+# represent this field. So shear remains, with a deflection of at least $4/\mu = 12$. The triangles deflect by less than
+# a tenth of 206 on both meshes: they lock. On coarse squares and hexagons the deflection is too small by less than a
+# quarter, and refinement at least halves this error.
 
 # %%
 beam = 12 * 4.0**3 / 3 * (1 - poissons**2) + 1.2 * 4 * 2 * (1 + poissons)
@@ -340,28 +338,28 @@ def locking(results):
 locking(cantilever)
 
 # %% [markdown]
-# **Question:** which two numbers of the picture show that refinement by two does not help triangles for
-# $\nu \to \tfrac12$? And why is the stabilisation not the cause?
+# **Question:** where does the picture show that refinement does not help triangles for $\nu \to \tfrac12$? And why is
+# the stabilisation not the cause?
 #
 # <details><summary>Answer</summary>
 #
-# The right ends of the two curves of triangles: the deflection is 14.63 with 4 cells across and 14.66 with 8. The beam
-# deflects by 206. On a triangle three vertices determine a linear field, so $\Pi v = v$ and $S_\omega = 0$ (exercise
-# 1): the factor $\eta$ multiplies zero. The first term locks, because it forbids changes of area in every triangle, two
-# conditions per node.
+# The two curves of triangles end at the same height: the deflection is 14.63 with 4 cells across and 14.66 with 8. The
+# beam deflects by 206. On a triangle three vertices determine a linear field, so $\Pi v = v$ and $S_\omega = 0$
+# (exercise 1). The first term of $a_\omega^h$ is the cause. It forbids changes of area in every triangle, and these are
+# two conditions per node.
 #
 # </details>
 #
 # ## Exercises
 #
 # 1. Show that on a triangle $\Pi v = v$ for all $v$, and so $S_\omega = 0$. Which method is this?
-# 2. Let $\eta$ be the mean of the diagonal of $\mathbb C$, which grows with $\Lambda$ (a popular recipe). How does the
-#    cantilever of squares behave for $\nu \to \tfrac12$?
+# 2. Let $\eta$ be the mean of the diagonal of $\mathbb C$. This $\eta$ grows with $\Lambda$. How does the cantilever of
+#    squares behave for $\nu \to \tfrac12$?
 # 3. Insert a vertex in the middle of an edge of the unit square (a *hanging node*). How many independent modes with
-#    $\Pi v = 0$ are there now? Does the patch test still hold?
-# 4. The formula $\nabla \Pi v = \sum_i v_i \otimes N_i/|\omega|$ needs no system of equations. Check it against
-#    `projections`. Which of the conditions on $\Pi v$ did you use?
-# 5. Multiply all moduli by $10^6$ (MPa to Pa), and the load as well. How does $u$ change with $\eta = 2\mu$, and how
-#    with $\eta = 1$?
+#    $\Pi v = 0$ does the cell have now? Does the patch test still hold?
+# 4. Compare the formula $\nabla \Pi v = \sum_i v_i \otimes N_i/|\omega|$ with the result of `projections`. Which of the
+#    conditions on $\Pi v$ does the formula use?
+# 5. Multiply all moduli and the load by $10^6$ (MPa to Pa). How does $u$ change with $\eta = 2\mu$, and how with
+#    $\eta = 1$?
 #
 # Solutions: `lesson_3_solutions.py`.

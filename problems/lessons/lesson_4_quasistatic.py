@@ -3,10 +3,10 @@
 
 # %% [markdown]
 # *You need:* lessons 1 and 2. *You will see:* that the time step $k$ cancels from the program, that the answer depends
-# on the whole *path* of the load, and that every step has an exact energy balance. In this balance backward Euler
-# itself loses an energy of order $O(k)$.
+# on the whole *path* of the load, and that every step has an exact energy balance, in which backward Euler causes a
+# loss of order $O(k)$.
 #
-# Lessons 1 and 2 took single steps; here many steps follow each other. Equation numbers refer to the paper of Feng, Han
+# Lessons 1 and 2 took single steps. Now many steps follow each other. Equation numbers refer to the paper of Feng, Han
 # and Huang.
 
 # %%
@@ -23,13 +23,13 @@ import vemcvx as vx
 # $$a(u, v - \dot u) + j(v) - j(\dot u) \ge \langle \ell, v - \dot u \rangle .$$
 #
 # Here $a(u, v)$ is the elastic energy product ($v^T K u$ for vectors), $j$ measures friction ($\sum_i w_i |v_i|$), and
-# $\ell$ is the load ($f$). Backward Euler, (2.34), replaces $\dot u$ by $(u_n - u_{n-1})/k$, where $u_{n-1}$ is
-# $u_{prev}$. Friction has no time scale, because $j$ is a *seminorm*:
+# $\ell$ is the load ($f$). Backward Euler, (2.34), replaces $\dot u$ by $(u_n - u_{n-1})/k$. Here $u_n$ is the solution
+# after step $n$; in lessons 1 and 2, $u_{n-1}$ was $u_{prev}$. Friction has no time scale, because $j$ is a *seminorm*:
 #
 # $$j(v/k) = j(v)/k .$$
 #
-# Write $(v - u_{n-1})/k$ for the test function, with any $v$. Then the difference of test function and velocity is
-# $(v - u_n)/k$, and every term has the factor $1/k$, which cancels:
+# Write the test velocity as $(v - u_{n-1})/k$, where $v$ is any position. The test velocity minus the velocity is then
+# $(v - u_n)/k$. Every term has the factor $1/k$, which cancels:
 #
 # $$a(u_n, v - u_n) + j(v - u_{n-1}) - j(u_n - u_{n-1}) \ge \langle \ell_n, v - u_n \rangle \quad \text{for all } v.$$
 #
@@ -38,8 +38,8 @@ import vemcvx as vx
 # $$\min_u \; \tfrac12 a(u, u) - \langle \ell_n, u \rangle + j(u - u_{n-1}).$$
 #
 # So the path does not depend on the speed of the load (*rate independence*). We check this on the four sliders of
-# lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the other. The ratio is a power of two,
-# so rounding does not change any load, and both answers agree in all bits.
+# lesson 2. The unit of time is one second in one run and $2^{-40}$ seconds in the other. The ratio is a power of two.
+# So the loads have the same rounding errors, and both answers agree in all bits.
 
 # %%
 chain = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -66,9 +66,10 @@ print("the paths in 5 s and in 5e-12 s agree in all bits")
 # ## 2. Hysteresis
 #
 # We return to the slider of lesson 1, with stiffness $K$ and friction bound $w$. A step clips $u_{n-1}$ to the interval
-# from $(f_n - w)/K$ to $(f_n + w)/K$. Pull to a peak $f_{\max}$, then to $-f_{\max}$, then to $f_{\max}$ again. After
-# each reversal the slider waits until the load has changed by $2w$. Between two reversals it travels
-# $2(f_{\max} - w)/K$, always against the friction $w$. So one closed loop loses the energy
+# from $(f_n - w)/K$ to $(f_n + w)/K$. Let the load grow to a peak $f_{\max}$, then fall to $-f_{\max}$, then grow to
+# $f_{\max}$ again. After each reversal the slider waits until the load has changed by $2w$. Between two reversals it
+# travels $2(f_{\max} - w)/K$, always against the friction $w$. So friction takes the following energy in one closed
+# loop:
 #
 # $$w \cdot 2 \cdot \frac{2(f_{\max} - w)}{K} .$$
 
@@ -104,7 +105,7 @@ print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}"
 #
 # <details><summary>Answer</summary>
 #
-# The slider rests on the two vertical sides of the loop: at $u = (f_{\max} - w)/K = 1$ while the load falls from
+# The slider rests on the two vertical sides of the loop, at $u = (f_{\max} - w)/K = 1$ while the load falls from
 # $f_{\max} = 3$ to $f_{\max} - 2w = 1$, and at $u = -1$ while the load rises from $-3$ to $-1$. Both sides have the
 # height $2w = 2$: the force of friction changes from $w$ to $-w$ before the slider moves.
 #
@@ -141,9 +142,9 @@ loop_picture()
 #   + \underbrace{w |s_n|}_{\text{lost to friction}} + \underbrace{\tfrac12 K s_n^2}_{\text{numerical}} .$$
 #
 # This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step.
-# This load exceeds the mean load of the step by half of the change of the load. There are $O(1/k)$ steps with slips of
-# $O(k)$, so the sum of these terms is $O(k)$. For our slider the sum is known. If the load changes by $\Delta f$ in
-# every step, a moving slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
+# This load differs from the mean load of the step by half of the change. There are $O(1/k)$ steps with slips of $O(k)$,
+# so the sum of these terms is $O(k)$. For our slider we compute the sum. If the load changes by $\Delta f$ in every
+# step, a moving slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #
 # $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \Delta f \cdot \frac{5 (f_{\max} - w)}{K} .$$
 
@@ -175,9 +176,8 @@ for _steps in (30, 60, 120):
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
 # and the package reports the first three terms as `history.work`, `.energy` and `.dissipated`. The last sum is the
-# numerical loss of backward Euler. Half the time step gives about half of this loss: we assert a ratio between 1.9 and
-# 2.1. The package warns if the numerical loss exceeds 5 % of the work, as it does here; `history.work_second_order` is
-# free of this loss.
+# numerical loss of backward Euler. If the time step is halved, this loss is about halved: we assert a ratio between 1.9
+# and 2.1. The package warns if the numerical loss exceeds 5 % of the work, as it does here.
 
 
 # %%
@@ -236,24 +236,24 @@ body_picture(histories[40])
 #
 # <details><summary>Answer</summary>
 #
-# The loop is steeper just after a reversal. Then all eight nodes of the lower side stick. The nodes start to slip one
-# after another. A node that slips carries a constant force and adds no stiffness; just before the next reversal a
-# single node still sticks. The slope, load over mean displacement, has fallen from 62.7 to 39.7: the body has lost 37 %
-# of its stiffness. At the reversal its stiffness is 62.7 again.
+# The loop is steeper just after a reversal. Then all eight nodes of the lower side stick. Later the nodes start to slip
+# one after another. A node that slips carries a constant force and adds no stiffness. Just before the next reversal
+# only one node sticks. The slope, load over mean displacement, has fallen from 62.7 to 39.7: the body has lost 37 % of
+# its stiffness. Just after the reversal the stiffness is 62.7 again.
 #
 # </details>
 #
-# ## 5. Memory fades or stays, but never grows
+# ## 5. The distance of two states never grows
 #
-# Two equal bodies with different pasts carry the same load from some instant on. The states of the bodies are $u_n$ and
-# $\bar u_n$. Take $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body, and exchange the roles
-# for the second. If we add both inequalities, the terms in $j$ cancel, and
+# Two equal bodies have different states at some instant. From this instant on they carry the same load. The states of
+# the bodies are $u_n$ and $\bar u_n$. Take $v = u_{n-1} + \bar u_n - \bar u_{n-1}$ in the inequality of the first body,
+# and exchange the roles for the second. If we add both inequalities, the terms in $j$ cancel, and
 #
 # $$\begin{gathered} a(u_n - \bar u_n,\; u_n - \bar u_n) \le a(u_n - \bar u_n,\; u_{n-1} - \bar u_{n-1}) \\
 #   \Rightarrow\quad |u_n - \bar u_n|_a \le |u_{n-1} - \bar u_{n-1}|_a . \end{gathered}$$
 #
-# The map of a step is *nonexpansive* in the energy norm; this is (2.38), the main point of Theorem 2.5. So a later step
-# does not amplify the error of an earlier step. The sum of the certificates of all steps bounds the error at the end.
+# The map of a step is *nonexpansive* in the energy norm; this is (2.38). So a later step does not amplify the error of
+# an earlier step. The sum of the certificates of all steps bounds the error at the end.
 
 # %%
 later = np.linspace(1.0, 9.0, 161)
@@ -301,8 +301,8 @@ memory_picture()
 #    the chain?
 # 3. Add a damper: $K u + c\,\dot u + \lambda = f$. How do section 1 and the energy balance change?
 # 4. Twenty sliders, each on its own spring of stiffness 1, with the bounds 0.1, 0.2, ..., 2, share a displacement $U$.
-#    Draw the total force over $U$ for $U$ up to 2 and back to -2. Show that the branch down is the curve of the first
-#    loading, magnified by two (Masing's rule).
+#    Draw the total force over $U$ for $U$ up to 2 and back to -2. Show that the curve for falling $U$ is the curve of
+#    the first loading, magnified by two (Masing's rule).
 # 5. Why does (2.1) of the paper require $a(u_0, v) + j(v) \ge \langle \ell(0), v \rangle$? What does `march` report if
 #    a load of 2.4 acts on the chain from the start, at $u_0 = 0$?
 #

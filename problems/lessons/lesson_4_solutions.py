@@ -18,12 +18,11 @@ def walk(loads, u=0.0, bound=w):
 
 
 # %% [markdown]
-# **1.** After a largest load $f \ge w$ the slider is at $(f - w)/K$. At load 0 the slider stays at this position if
-# $(f - w)/K \le w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. For peaks beyond $2w$ the end
-# position does not depend on the peak. A computation uses only the loads at the ends of steps; let $\tilde f$ be the
-# largest of these loads. The error is the difference of the end positions for $f$ and for $\tilde f$. It is
-# $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and
-# $\tilde f \le w$. No certificate of a step can detect this error.
+# **1.** Let $f \ge w$ be the peak of the load. At the peak the slider is at $(f - w)/K$. At load 0 the slider is still
+# at this position if $(f - w)/K \le w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. A
+# computation uses only the loads at the ends of steps; let $\tilde f$ be the largest of these loads. The error is the
+# difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads lie between $w$ and
+# $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step can detect this error.
 
 
 # %%
@@ -39,8 +38,8 @@ assert error(peak=3.0, seen=0.5) == w / K
 # **2.** For one slider a growing load means $u_n = \max(u_{n-1}, (f_n - w)/K)$, and the last load determines the end.
 # The same holds for the chain. If one block moves forward, it pulls the others forward, because no entry of $K$ off the
 # diagonal is positive. So no block ever turns back. Every block that has moved ends with the friction $w_i$, whether
-# there is one step or a hundred. A stiffness matrix of elasticity also has positive entries off the diagonal. Then a
-# node may turn back while the load grows, and the number of steps matters.
+# there is one step or a hundred. A stiffness matrix of elasticity also has positive entries off the diagonal. So a node
+# may turn back while the load grows, and the number of steps matters.
 
 
 # %%
@@ -57,7 +56,7 @@ assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 # **3.** $c\,\dot u$ becomes $c\,s/k$ with $s = u - u_{n-1}$, and the program gets the term $\tfrac{c}{2k} s^2$. A
 # square does not scale like a seminorm, so $k$ stays in the program, and the speed of the load matters. The energy
 # balance gets the term $c\,s^2/k$, the energy lost in the damper. The sum of this term over all steps does not tend to
-# zero with $k$. One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
+# zero as $k$ tends to zero. One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
 
 
 # %%
@@ -78,11 +77,11 @@ print(f"end positions for fast, slower and slow loads: {np.round(ends, 4)}; with
 
 # %% [markdown]
 # **4.** The force $\lambda_i$ of a slider follows $U$ until it reaches its bound:
-# $\lambda_i \leftarrow \mathrm{clip}(\lambda_i + dU, \pm w_i)$. On first loading all forces start from zero, so the
-# total is $R(U) = \sum_i \min(U, w_i)$. This function is concave, and its slope is the number of sliders that stick. At
-# $U = 2$ all forces are at their bounds. On the way back each force can change by twice its bound before its slider
-# slips again. After going back by $x$ the total is $R(2) - \sum_i \min(x, 2 w_i) = R(2) - 2 R(x/2)$: the branch is the
-# first loading, magnified by two.
+# $\lambda_i \leftarrow \mathrm{clip}(\lambda_i + dU, \pm w_i)$. During the first loading all forces start from zero, so
+# the total force is $R(U) = \sum_i \min(U, w_i)$. This function is concave, and its slope is the number of sliders that
+# stick. At $U = 2$ all forces are at their bounds. While $U$ falls, each force can change by twice its bound before its
+# slider slips again. When $U$ has fallen by $x$, the total force is $R(2) - \sum_i \min(x, 2 w_i) = R(2) - 2 R(x/2)$.
+# This is the curve of the first loading, magnified by two.
 
 # %%
 bounds = np.arange(1, 21) / 10

@@ -2,13 +2,12 @@
 """# Lesson 5, active sets and semismooth Newton: how they converge, how they cycle, and a safeguard"""
 
 # %% [markdown]
-# *You need:* lessons 1 and 2; Newton's method. *You will see:* a step solved by guessing which nodes stick. A body
-# takes six guesses. If nodes can slip in two directions, the convergence is superlinear. On two blocks the guesses
-# cycle for ever, and a safeguard prevents this.
+# *You need:* lessons 1 and 2; Newton's method. *You will see:* how guesses of the sticking nodes solve a step;
+# superlinear convergence in the plane; two blocks for which the guesses cycle for ever, and a safeguard against cycles.
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
-# this lesson guesses these sets, solves the system, checks the guess, and guesses again. This is Newton's method for an
-# equation with kinks. Feng, Han and Huang solve the steps by a related method.
+# this lesson guesses these sets of nodes, solves the system, checks the guess, and guesses again. This is Newton's
+# method for an equation with kinks.
 
 # %%
 import matplotlib.pyplot as plt
@@ -31,8 +30,8 @@ import vemcvx as vx
 #
 # We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation gives $s_i = 0$. Otherwise
 # $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method finds
-# the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and solves. This is an *active set*
-# iteration:
+# the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and solves the linear system. This is
+# an *active set* iteration:
 #
 # - If $|\hat\lambda_i| \le w_i$, node $i$ sticks: $u_i = u_{prev,i}$.
 # - Otherwise node $i$ slips in the direction of $\hat\lambda_i$, with the force
@@ -63,13 +62,13 @@ def active_sets(program, gamma, rounds=40):
 
 
 # %% [markdown]
-# Why does a repeated guess give the solution? The $u$ and $\lambda$ of the guess solve the linear system, so all
+# Why does the iteration end with the solution? The last $u$ and $\lambda$ solve the linear system of the guess, so all
 # equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
 #
 # **A body.** We take the block of Feng, Han and Huang (Section 4) on squares, with 32 nodes on the ground. The package
-# keeps the program of every step. All other nodes are eliminated from this program, so its matrix $K$ is a full matrix
-# for 32 nodes. The unknowns are the slips of these nodes in the step. So `b`, which takes the place of $u_{prev}$, is
-# zero here. The package calls the load `g`.
+# keeps the program of every step. All other nodes are eliminated from this program, so $K$ is a full matrix for 32
+# nodes. The unknowns are the slips of these nodes in the step. In the package `b` takes the place of $u_{prev}$ and `g`
+# the place of $f$. Here `b` is zero.
 
 
 # %%
@@ -96,15 +95,15 @@ def shift(K, size):
 
 u, lam, sides = active_sets(body, shift(body[0], 0.1))
 assert len(sides) <= 8
-# The certificate of the package does not depend on the method that found u and lam. `floor` is its rounding error.
+# The certificate of the package does not depend on the method that found u and lam. `floor` bounds its rounding error.
 certificate = step.certify(u, lam[:, None])
 assert certificate.gap <= 10 * certificate.floor
 print(f"{len(sides)} guesses; nodes that slip: {np.count_nonzero(sides, axis=1)}; gap {certificate.gap:.0e}")
 
 # %% [markdown]
-# The picture has one row per guess, the first at the top. The end of the slipping zone moves to its final place in ever
-# shorter steps. There are finitely many sets, and Newton's method on a piecewise linear function is *exact* as soon as
-# the piece is right. **Question:** why is the first row all blue?
+# The picture has one row per guess, with the first guess at the top. The end of the slipping zone moves to its final
+# place in ever shorter steps. Newton's method on a piecewise linear function is *exact* as soon as the piece is right.
+# **Question:** why is the first row all blue?
 #
 # <details><summary>Answer</summary>
 #
@@ -140,9 +139,8 @@ sets_picture()
 #
 # $$\frac{w}{|\hat\lambda|}\left(I - \frac{\hat\lambda \hat\lambda^T}{|\hat\lambda|^2}\right).$$
 #
-# Linearise the equation, and solve for $\lambda$. A slipping node then carries the force $w \hat\lambda/|\hat\lambda|$.
-# Friction also resists a change of this direction, like a spring at right angles to the direction. The stiffness of
-# this spring is
+# We linearise the equation. Then a slipping node carries the force $w \hat\lambda/|\hat\lambda|$. Friction also resists
+# a change of this direction, like a spring at right angles to the direction. The stiffness of this spring is
 #
 # $$\frac{\gamma w}{|\hat\lambda| - w} .$$
 #
@@ -171,11 +169,11 @@ def plane_step(K, f, w, u_prev, iterate, gamma):
 
 # %% [markdown]
 # Twenty blocks stand in a row that is tied at one end and pulled at the other. The first pull is along the row, the
-# second pull has another direction. We measure the distance to the last iterate in the energy norm. Far from the
-# solution the error falls by about a fifth per round: only neighbours are coupled, so slip spreads from block to block.
-# Then the error collapses. *Superlinear* means that the factor itself tends to zero:
+# second pull has another direction. The error of an iterate is its distance to the last iterate, in the energy norm. At
+# first the error falls by about a fifth per round: only neighbours are coupled, so slip spreads from block to block.
+# Then the error collapses. *Superlinear* means that the ratio of successive errors tends to zero:
 #
-# $$\frac{|u^{(m+1)} - u^*|_K}{|u^{(m)} - u^*|_K} \to 0 .$$
+# $$\frac{|u^{(n+1)} - u^*|_K}{|u^{(n)} - u^*|_K} \to 0 \quad \text{for the iterates } u^{(n)} .$$
 
 # %%
 m = 20
@@ -229,16 +227,15 @@ errors_picture()
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #
 # In the solution the first block slides back to $u_1 = -2$. The spring between the blocks then pulls the second block
-# back with the force 2. This balances the pull on the second block, which sticks. But if the shift is large, even a
-# tiny slip decides the guess:
+# back with the force 2. This balances the pull on the second block, which sticks. But if the shift is large, the signs
+# of the slips determine the next guess:
 #
 # | guess | solution of the system | next guess |
 # |---|---|---|
 # | (back, forward) | $u = (-3, -1)$: the second block moves back | (back, back) |
 # | (back, back) | $u = (-1, 1)$: the second block moves forward | (back, forward) |
 #
-# The solution lies between these two guesses, and the iteration never reaches the solution. The forces of every iterate
-# balance, so each iterate looks like an answer.
+# The two guesses alternate, and the iteration never reaches the solution.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -251,10 +248,10 @@ assert forces.tolist() == [-1.0, 0.0]
 print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", positions)
 
 # %% [markdown]
-# With a *small* shift, a block whose slip changes sign is first guessed to stick. After (back, forward), the second
-# block has the force 1 and the slip $-1$. The trial force of this block is $\hat\lambda_2 = 1 - \gamma_2$, which lies
-# within $\pm 1$ while $\gamma_2 \le 2$. The package takes 0.1 divided by the flexibility. But a small shift does not
-# guarantee convergence. We try 60 random programs.
+# With a *small* shift, the next guess is that the second block sticks. The solution for the guess (back, forward) has
+# $\lambda_2 = 1$ and $s_2 = -1$. So the trial force is $\hat\lambda_2 = 1 - \gamma_2$, which lies within $\pm 1$ while
+# $\gamma_2 \le 2$. The package has the shift 0.1 divided by the flexibility. But a small shift does not guarantee
+# convergence. We try 60 random programs.
 
 
 # %%
@@ -278,7 +275,7 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 # %% [markdown]
 # ## 4. A safeguard
 #
-# We need a measure of progress, and a slow method that always converges.
+# We need a measure of the error, and a slow method that always converges.
 #
 # *The measure* is the gap of lesson 1 (exercise 3), here for vectors, with $r = f - \lambda - Ku$ and $\lambda$ clipped
 # to its bounds. The gap is zero at the solution and nowhere else:
@@ -291,16 +288,17 @@ print("programs out of 60 that are unsolved after 40 rounds, by shift:", unfinis
 #
 # $$\lambda \leftarrow \mathrm{clip}(\lambda + \rho s, -w, w), \qquad \rho = 1/|K^{-1}| .$$
 #
-# The iteration converges, because $D$ is concave and its gradient has the Lipschitz constant $1/\rho$. We call one such
-# iteration a *sure step*.
+# The iteration converges, because $D$ is concave and its gradient has the Lipschitz constant $1/\rho$. We call an
+# iteration of this method a *sure step*.
 #
-# *The combination:* Newton's method runs until five rounds have not halved the smallest gap. Then sure steps and rounds
-# of Newton's method alternate until the smallest gap is halved. A sure step begins where the last sure step ended; a
-# round of Newton's method begins at the result of the sure step.
+# *The combination* keeps the smallest gap of all rounds so far. Newton's method runs until five rounds in a row have
+# not halved the smallest gap. Then sure steps and rounds of Newton's method alternate until the smallest gap is halved.
+# A sure step begins at the result of the last sure step. The round of Newton's method after a sure step begins at the
+# result of this step.
 #
-# **Theorem.** The smallest gap tends to zero. *Proof.* If this gap is halved again and again, the claim holds.
-# Otherwise this gap is never halved after some round, and sure steps go on for ever. Sure steps are the iterates of the
-# projected gradient, so their gap tends to zero. Hence the smallest gap is halved: a contradiction. $\square$
+# **Theorem.** The smallest gap tends to zero. *Proof.* If the smallest gap is halved infinitely often, the claim holds.
+# Otherwise it is never halved after some round, and there are infinitely many sure steps. Sure steps are the iterates
+# of the projected gradient, so their gap tends to zero. Hence the smallest gap is halved: a contradiction. $\square$
 
 
 # %%
@@ -334,9 +332,9 @@ def solve_safely(program, gamma, patience=5, rounds=1000):
 
 
 # %% [markdown]
-# We keep the large shift of ten, which makes the programs hard. Now every program is solved: the gap is below
-# $10^{-12} \cdot \tfrac12 f^T K^{-1} f$, so the error in the energy norm is below 1e-6 of the norm of the answer
-# without friction. Sure steps end the cycles of Newton's method.
+# We set `size` to 10 again. Now every program is solved: the gap is below $10^{-12} \cdot \tfrac12 f^T K^{-1} f$, so
+# the error in the energy norm is below 1e-6 of the norm of the answer without friction. Sure steps end the cycles of
+# Newton's method.
 
 # %%
 runs = [solve_safely(program, shift(program[0], 10.0)) for program in programs]
@@ -376,26 +374,27 @@ safeguard_picture()
 
 # %% [markdown]
 # The package's `vx.Newton` works in this way, with the small shift and faster sure steps (accelerated projected
-# gradients for the forces). `vx.Newton` also treats cones, bounds and springs. **Question:** in its last round the blue
-# curve falls by many orders of magnitude. Which section of this lesson explains this?
+# gradients). **Question:** in the last round the blue curve falls by many orders of magnitude. Which section of this
+# lesson explains this?
 #
 # <details><summary>Answer</summary>
 #
-# Section 1 explains this. The equation is piecewise linear, and on the right piece one linear system gives the exact
-# solution. So the gap falls to rounding in one round. Superlinear convergence (section 2) takes several rounds: in the
-# plane, the projection on a disc is not piecewise linear.
+# Section 1 explains this. The equation is piecewise linear, and on the right piece one linear system determines the
+# exact solution. So the gap falls to rounding in one round. Section 2 does not explain this, because superlinear
+# convergence takes several rounds.
 #
 # </details>
 #
 # ## Exercises
 #
-# 1. At which shift does the cycle of the two blocks begin? Predict this shift from the table, then try.
-# 2. Show that with one unknown and a start from rest the guesses never cycle, whatever the shift. Can they cycle from
-#    another start?
-# 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. How many guesses are needed, and why more
-#    than for the body? Does it help to start from the answer to 9/10 of the pull?
-# 4. Use sure steps alone on the 60 programs. How many steps does the hardest program need for a gap of 1e-6 of the
-#    energy? Which number derived from $K$ determines this?
+# 1. Beyond which shift do the guesses for the two blocks cycle? Predict this shift from the table, and test the
+#    prediction.
+# 2. Show that for one unknown and a start from rest the guesses never cycle, whatever the shift. Can the guesses cycle
+#    from another start?
+# 3. Try `active_sets` on a rod of 100 elements that is pulled at its end. Why does the rod need more guesses than the
+#    body? Does it help to start from the answer to 9/10 of the pull?
+# 4. Solve the 60 programs by sure steps alone. How many steps does the hardest program need for a gap of 1e-6 of the
+#    energy? Which property of $K$ explains this number?
 # 5. The cycle of section 3 has length two. How long are the cycles of the random programs?
 #
 # Solutions: `lesson_5_solutions.py`.

@@ -30,10 +30,9 @@ def active_sets(program, gamma, rounds=40, start=None):
 
 
 # %% [markdown]
-# **1.** After the guess (back, forward) the system gives $u_2 = -1$, and $\hat\lambda_2 = 1 - \gamma_2$.
-# The guess "sticks" needs $\gamma_2 \le 2$, so the cycle begins at shifts beyond 2. The lesson divides `size` by the
-# flexibility $(K^{-1})_{22}$, which is 1 here, so the cycle of the lesson begins at the `size` 2. (After the guess
-# (back, back) $\hat\lambda_2 = -1 + \gamma_2$, which leads to the same condition.)
+# **1.** The solution for the guess (back, forward) has $u_2 = -1$, so $\hat\lambda_2 = 1 - \gamma_2$. The next guess
+# for block 2 is "sticks" if $\gamma_2 \le 2$. The solution for the guess (back, back) has
+# $\hat\lambda_2 = -1 + \gamma_2$, and the condition is the same. So the guesses cycle for shifts beyond 2.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -48,12 +47,13 @@ assert has_cycle(2.0 + 1e-9)
 
 # %% [markdown]
 # **2.** Let $u_{prev} = 0$. From rest the first guess is to stick, with $\lambda = f$. If $|f| \le w$, this is the
-# solution. Otherwise, say for $f > w$, the next guess is to slip forward, with $s = (f - w)/K > 0$. Then
-# $\hat\lambda = w + \gamma s > w$ for any $\gamma$: forward again, and the iteration ends.
+# solution. If $f > w$, the next guess is to slip forward, with $s = (f - w)/K > 0$. Then
+# $\hat\lambda = w + \gamma s > w$ for any $\gamma$. So the next guess is forward again, and the iteration ends. The
+# case $f < -w$ is similar.
 #
 # From another start the guesses may cycle. Let $|f| < w$, and let the first guess be forward, so $s = (f - w)/K < 0$.
 # If $\gamma$ is so large that $\hat\lambda = w + \gamma s < -w$, the next guess is backward, with $s = (f + w)/K > 0$.
-# If then $\hat\lambda = -w + \gamma s > w$, the following guess is forward again. If $\gamma \le K$, a forward guess
+# If now $\hat\lambda = -w + \gamma s > w$, the guess after this is forward again. If $\gamma \le K$, a forward guess
 # gives $\hat\lambda = w + \gamma s \ge w + (f - w) = f > -w$, so the unknown sticks.
 
 
@@ -74,9 +74,9 @@ assert count_guesses(0.0, 3.0, pushed) == 40
 # **3.** The rod has the stiffness $1/h$ between neighbours and the friction bound $w = h$ at each node. The rod is
 # pulled at its free end by 0.705. As long as a node sticks, the part of the rod between this node and the wall carries
 # no force. So slip spreads by one node per round, and 70 nodes slip in the end. In a body every node is coupled to
-# every other node, and slip spreads in larger steps. If the iteration starts from the solution for 9/10 of the pull, 63
-# nodes slip already, and the iteration takes about a tenth of the rounds. So each time step of the package starts from
-# the sets of the step before.
+# every other node, and slip spreads by many nodes per round. If the iteration starts from the solution for 9/10 of the
+# pull, 63 nodes slip already, and the iteration takes about a tenth of the rounds. So each time step of the package
+# starts from the sets of the step before.
 
 
 # %%
@@ -107,7 +107,7 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the solution for nine ten
 # distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less. The condition number $\kappa_m/\kappa_1$ is
 # up to $10^3$ here, so it may take thousands of sure steps to reduce the distance by a factor of a thousand. Rounds of
 # Newton's method between sure steps make most of these steps unnecessary. With accelerated gradients, as in the
-# package, the bound on the number of sure steps is proportional to the root of the condition number.
+# package, the bound on the number of sure steps is proportional to the square root of the condition number.
 
 
 # %%

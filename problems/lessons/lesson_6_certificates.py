@@ -51,8 +51,8 @@ print(f"{len(f)} contact nodes, of which {np.count_nonzero(step.answer.d)} slip"
 # $$\mathrm{gap}(s, \lambda) = \tfrac12\, r^T K^{-1} r + \sum_i \bigl( w_i |s_i| - \lambda_i s_i \bigr) .$$
 #
 # The first part measures how far the forces are from balance. The second part measures how far friction is from its
-# law. The term of node $i$ in this part vanishes if the node sticks ($s_i = 0$), or slips with full friction against
-# the slip ($\lambda_i = w_i\, \mathrm{sign}\, s_i$).
+# law. The term of node $i$ in this part vanishes if the node sticks, $s_i = 0$, or if the node slips with
+# $\lambda_i = w_i\, \mathrm{sign}\, s_i$.
 
 
 # %%
@@ -123,19 +123,20 @@ print(f"certified / true error: {ratio[:8].mean():.0f} for small errors, {ratio[
 # The gap is thus linear in the slip, whereas the squared error is quadratic. So for an error $\varepsilon$ the
 # certificate is of size $\sqrt\varepsilon$.
 #
-# **Question:** Two answers are equally far from $s^*$. In the first answer all sticking nodes are at rest; in the
-# second answer they slip a little. Which answer has the better certificate? And why do active-set methods (lesson 5)
-# reach certificates that are as small as rounding errors?
+# **Question:** Two answers are equally far from $s^*$. Some nodes stick in the solution. In the first answer these
+# nodes stick, in the second answer they slip a little. Which answer has the better certificate? And why do active-set
+# methods (lesson 5) reach certificates that are as small as rounding errors?
 #
 # <details><summary>Answer</summary>
 #
 # The first answer has the better certificate. Take the forces of the solution, $\lambda = \lambda^*$, and let the
 # slipping nodes slip in the right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is
-# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This gap is *equal* to $\tfrac12 |s - s^*|_K^2$. A sticking node that
-# slips by $s_i$ adds $(w_i - |\lambda_i|)\,|s_i|$ or more, which is much larger than $s_i^2$ if $s_i$ is small.
+# $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This gap is *equal* to $\tfrac12 |s - s^*|_K^2$. In the second answer, a
+# node that sticks in the solution adds $(w_i - |\lambda_i|)\,|s_i|$. This term is much larger than $s_i^2$ if $s_i$ is
+# small.
 #
-# Active-set methods set exactly $s_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips. The gap of
-# their answers is $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
+# The answers of active-set methods have exactly $s_i = 0$ at nodes that stick, and $\lambda_i = \pm w_i$ at nodes that
+# slip. The gap of these answers is $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding error of one linear system.
 #
 # </details>
 
@@ -165,8 +166,8 @@ _figure
 # %% [markdown]
 # ## A solver that lies
 #
-# Any object with the method `solve(program, target, lam)` is a solver for this package. The following solver takes
-# projected gradients on the dual (lesson 9), stops after three iterations, and reports "optimal".
+# Any object with the method `solve(program, target, lam)` is a solver for this package. The following solver is the
+# projected gradient method on the dual (lesson 9). It stops after three iterations, and reports "optimal".
 
 
 # %%
@@ -234,15 +235,14 @@ _figure
 # %% [markdown]
 # ## How to cheat a careless check
 #
-# The theorem needs $|\lambda_i| \le w_i$. Suppose that a check accepts every $\lambda$. Then let friction carry the
-# whole load, $\lambda = f$. Now $D(\lambda) = 0$, and the "gap" is
+# The theorem needs $|\lambda_i| \le w_i$. Suppose that a check accepts every $\lambda$. Let friction carry the whole
+# load, $\lambda = f$. Then $D(\lambda) = 0$, and the primal value minus the dual value is
 #
 # $$P(s) - D(f) = P(s) .$$
 #
-# This "gap" is zero or negative for every $s$ with $P(s) \le 0$. The careless check certifies all of these answers,
-# also $s = 0$, as exact. For answers with $P(s) > 0$ the "gap" is positive, but it need not bound the error either: at
-# $2.1\,s^*$ it is smaller than half the squared error. The package first moves each multiplier to the nearest
-# admissible value, as `clip` does in the six lines above.
+# We call this value the careless gap. For every $s$ with $P(s) \le 0$ it is zero or negative, and the check certifies
+# $s$ as exact. For $s = 2.1\,s^*$ the careless gap is positive, but smaller than half the squared error. The package
+# first moves each multiplier to the nearest admissible value, as `clip` does in the six lines above.
 
 
 # %%
@@ -260,8 +260,8 @@ print(f"careless gap of the solution {careless(exact):.1e} < 0; gap with clipped
 # %% [markdown]
 # ## Where is the error?
 #
-# Each term in the second part of the gap belongs to one node. Move one sticking node, and the certificate shows which
-# node has moved:
+# Each term in the second part of the gap belongs to one node. If we move a node that sticks, the terms show which node
+# has moved:
 #
 # $$\mathrm{gap} = \tfrac12\, r^T K^{-1} r + \sum_i \mathrm{gap}_i, \qquad
 #   \mathrm{gap}_i = w_i |s_i| - \lambda_i s_i .$$
@@ -279,8 +279,8 @@ assert abs(found.gap - gap(moved, forces)) <= found.floor + 1e-12 * found.gap
 # ## What a certificate cannot tell
 #
 # A certificate bounds the distance to the solution *of this program*. The certificate does not contain the error of the
-# mesh. On two meshes, solutions that are certified up to rounding have energies that differ by some per cent. Lesson 7
-# measures the error of the mesh.
+# mesh. Below, the energies of certified answers on two meshes differ by some per cent. Lesson 7 measures the error of
+# the mesh.
 
 # %%
 coarse, fine = (vx.simulate(scene, vx.meshes.squares(n), times) for n in (4, 16))
@@ -294,11 +294,11 @@ assert deviation > 1e6 * largest
 #
 # 1. Without friction ($w = 0$), show that the gap is *equal* to $\tfrac12 |s - s^*|_K^2$. (What is $\lambda$?)
 # 2. Replace the multipliers of the disturbed answers by $\lambda = \mathrm{clip}(f - Ks, -w, w)$, which depends on $s$
-#    alone. Are the certificates better or worse?
-# 3. Take two random states, do the same step from both, and check that their distance in $|\cdot|_K$ has not grown.
-#    Prove it: add the two variational inequalities.
+#    alone. Are the certificates smaller or larger?
+# 3. Take two random states, do the same step from both, and check that their distance in $|\cdot|_K$ has not grown. To
+#    prove this, add the two variational inequalities.
 # 4. Write a solver that returns the exact $s$ with $\lambda = 0$. Is its answer refused? Should it be refused?
 # 5. The error of the *last* of $n$ steps should be at most $\varepsilon$. Which gap do you request for each step? Which
-#    gap would suffice if the errors were random and independent, and why does the theorem not allow this?
+#    gap would suffice if the errors were random and independent, and why does this gap not suffice for the theorem?
 #
 # Solutions: `lesson_6_solutions.py`.

@@ -1,5 +1,5 @@
 # %% [markdown]
-"""# Solutions to the exercises of lesson 6, on a chain of eight blocks: run the file, or read it cell by cell"""
+"""# Solutions to the exercises of lesson 6, on a chain of eight blocks"""
 
 # %%
 import numpy as np
@@ -20,7 +20,7 @@ def gap(s, lam, w=w):
 
 
 def step_from(u_prev, load):
-    """Return the end of a step from `u_prev`, computed by a step from zero under the load `load - K @ u_prev`."""
+    """Return the position after a step from `u_prev` under `load`."""
     system = vx.System(K, lambda t: t * (load - K @ u_prev), vx.Norms(np.eye(size), w))
     return u_prev + vx.march(system, [0.0, 1.0]).state[-1]
 
@@ -39,8 +39,8 @@ for _s in rng.normal(size=(20, size)):
 # %% [markdown]
 # **2.** The multipliers computed from $s$ are $f - Ks$, clipped to the friction bounds. If $s$ has an error
 # $\varepsilon$, these multipliers have errors of the order $\varepsilon$. Then the terms $w_i |s_i| - \lambda_i s_i$ of
-# the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the same order. Neither choice is
-# always better. Both are certificates, and a check can take the smaller gap.
+# the gap at slipping nodes are of this order. A disturbed $\lambda$ adds terms of the same order. Neither choice always
+# has the smaller gap. Both gaps are certificates, so a check can take the smaller gap.
 
 # %%
 exact = step_from(np.zeros(size), f)

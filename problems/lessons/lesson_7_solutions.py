@@ -26,10 +26,10 @@ def relative_error(run, reference):
 
 # %% [markdown]
 # **1.** Let the meshes with $n_1$ and $n_2 = 2 n_1$ cells across have the errors $e_1$ and $e_2$. The order is
-# $\alpha = \log_2 (e_1 / e_2)$, and the error $\varepsilon$ needs $n = n_2 (e_2 / \varepsilon)^{1/\alpha}$. The order
-# still grows a little with $n$, so this $n$ is too large rather than too small. We test the prediction for ten per
-# cent, where the test is cheap. The adaptive mesh of the lesson has 862 nodes and an error of 3.3 per cent. On adaptive
-# meshes of $N$ nodes the error is $O(N^{-1/2})$, so one per cent needs $862 \cdot 3.3^2$ nodes.
+# $\alpha = \log_2 (e_1 / e_2)$, and the error $\varepsilon$ needs $n = n_2 (e_2 / \varepsilon)^{1/\alpha}$. We test the
+# prediction for ten per cent, where the test is cheap. The adaptive mesh of the lesson has 862 nodes and an error of
+# 3.3 per cent. On adaptive meshes of $N$ nodes the error is $O(N^{-1/2})$, so one per cent needs $862 \cdot 3.3^2$
+# nodes.
 
 # %%
 ramp, steps = block(lambda t: t), np.linspace(0.0, 1.0, 5)
@@ -49,9 +49,9 @@ assert 0.08 < measured <= 0.1
 assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
 # %% [markdown]
-# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps of a length $k$ that have the reversals
-# in their middle. Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the peak. So the
-# order is 1.
+# **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps of the length $k$ so that each reversal
+# is in the middle of a step. Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the
+# peak. So the order is 1.
 
 
 # %%

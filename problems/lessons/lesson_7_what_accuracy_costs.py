@@ -12,7 +12,7 @@
 # \underbrace{|u_{hk} - \tilde u|}_{\text{solver}} .$$
 #
 # Reduce the largest of these errors first. All errors below are relative, in the energy norm. The body is the block of
-# Feng, Han and Huang, and $\varphi(t)$ is the course of its pull.
+# Feng, Han and Huang, and $\varphi(t)$ is the factor of its load at the time $t$.
 
 # %%
 import matplotlib.pyplot as plt
@@ -44,8 +44,8 @@ ramp, eight = block(lambda t: t), np.linspace(0.0, 1.0, 9)
 # %% [markdown]
 # ## 1. The mesh
 #
-# There is no closed form, so we compare with a finer mesh, 96 cells across. With the orders of convergence below, the
-# error of this finer mesh is between a third and a half of the error of a mesh with 32 cells across.
+# There is no closed form, so the reference is a solution on a mesh with 96 cells across. By the orders of convergence
+# below, the error of the reference is between a third and a half of the error of a mesh with 32 cells across.
 
 # %%
 reference = vx.simulate(ramp, vx.meshes.squares(96), eight, store="last")
@@ -65,8 +65,8 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 # $$|u - u_h| = \begin{cases} O(h) & \text{for smooth } u, \\
 #   O(h^\alpha) & \text{where } u \sim r^\alpha . \end{cases}$$
 #
-# The solution of this block is not smooth: the stress is singular where the clamp meets the free sides. So ten times
-# the accuracy needs more than a hundred times the cells.
+# The solution of this block is not smooth: the stress is singular where the clamp meets the free sides. So a tenth of
+# the error needs more than a hundred times as many cells.
 #
 # **Question:** With the same number of *cells* across, all families have nearly the same error. Which family has the
 # smallest error with the same number of *nodes*?
@@ -75,8 +75,8 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 #
 # Squares have the smallest error. With 32 cells across they have 1089 nodes and an error of 3.7 %. Triangles also have
 # 1089 nodes, and an error of 4.5 %. Voronoi meshes have 2046 nodes, because only three cells meet at a node; their
-# error is 4.0 %. The error falls roughly like $1/\sqrt N$ with the number $N$ of nodes, so compare error times
-# $\sqrt N$: 1.23, 1.48 and 1.81.
+# error is 4.0 %. The error falls roughly like $1/\sqrt N$ with the number $N$ of nodes, so we compare the products of
+# the error and $\sqrt N$: 1.23, 1.48 and 1.81.
 #
 # </details>
 
@@ -88,7 +88,8 @@ for _found in table.orders.values():
 # %% [markdown]
 # ## 2. Time steps: no error, or nearly forty per cent
 #
-# We pull and push the block on one mesh, and compare runs of few steps with a run of 64 steps:
+# We pull and push the block on one mesh, and compare runs of few steps with a run of 64 steps. The factor of the load
+# is
 #
 # $$\varphi(t) = \sin 2\pi t .$$
 
@@ -101,15 +102,15 @@ for _n, _error in deviations.items():
     print(f"{_n:3d} steps: error {_error:.1e}")
 
 # %% [markdown]
-# Four steps are *exact*, and six steps have an error of more than a third. Why? Between two reversals the slip goes in
-# one direction, and then the integral of its rate is the total slip,
+# Four steps are *exact*, and six steps have an error of more than a third. Why? Between two reversals of the load every
+# node slips in one direction. Then the integral of the slip rate is the total slip,
 #
 # $$\int_{t_1}^{t_2} |\dot u|\, dt = |u(t_2) - u(t_1)| .$$
 #
-# So one large step solves the same program as many small steps. The instants only need to include the *reversals* of
-# the load, at $t = 1/4$ and $3/4$. The instants include both reversals if four divides the number of steps. With six
-# steps the nearest instant is half a step, $k/2$, away, and the load reaches only $\cos \pi k$ of its peak. So the
-# error falls like
+# So one large step has the same answer as many small steps. The instants need to include only the *reversals*, at
+# $t = 1/4$ and $3/4$. If four divides the number of steps, the instants include both reversals. With six steps the
+# nearest instant is half a step, $k/2$, away, and the load reaches only $\cos \pi k$ of its peak. So the error falls
+# like
 #
 # $$1 - \cos \pi k \approx \tfrac12 (\pi k)^2 .$$
 
@@ -124,8 +125,7 @@ assert not_hit[0] > 0.3
 assert abs(in_time.orders["error"][-1] - 2) < 0.3
 
 # %% [markdown]
-# So place instants at the reversals, and then refine the mesh. (Loads that change their direction, and pressures that
-# change, add an error of order $k$.)
+# So place instants at the reversals, and then refine the mesh.
 #
 # ## 3. The solver
 #
@@ -149,14 +149,14 @@ work = [run.iterations.sum() for run in solved]
 assert work[-1] < 2 * work[0]
 
 # %% [markdown]
-# Four more digits cost a quarter more iterations. The error of this mesh is seven per cent, and the true errors of all
-# three answers are far smaller. The error of the solver is the *cheapest* to reduce, so make this error negligible
-# (lesson 6).
+# Four additional digits need 25 % more iterations. The error of this mesh is seven per cent, and the true solver errors
+# of all three answers are far smaller. The error of the solver is the *cheapest* to reduce, so make this error
+# negligible (lesson 6).
 #
 # ## 4. Estimates instead of references
 #
-# A reference for every run would cost too much. The residuals in cells and the jumps of the stress across edges give an
-# estimate of the error of the mesh. `vx.error_budget` reports all three errors side by side.
+# A reference for every run would cost too much. From the residuals in cells and the jumps of the stress across edges,
+# we can estimate the error of the mesh. `vx.error_budget` reports all three errors side by side.
 
 # %%
 budgets = [vx.error_budget(vx.simulate(ramp, vx.meshes.squares(n), eight)) for n in (8, 16, 32)]
@@ -222,8 +222,9 @@ _figure
 #
 # ## Exercises
 #
-# 1. Fit $e = e_1 (h/h_1)^\alpha$ to the errors of squares. How many cells across do you need for one per cent? How many
-#    nodes do adaptive meshes need, if their error falls like one over the root of the number of nodes?
+# 1. Let $e_1$ be the error of squares of the size $h_1$. Fit $e = e_1 (h/h_1)^\alpha$ to the errors of squares of the
+#    size $h$. How many cells across do you need for one per cent? How many nodes do adaptive meshes need, if their
+#    error falls like one over the root of the number of nodes?
 # 2. Replace the sine by a zigzag of straight lines. With which power of $k$ does the error fall if the reversals are
 #    not hit? Derive it first.
 # 3. Take a smooth solution without friction, with a closed form. Which order do you get now?

@@ -64,10 +64,10 @@ for _normal in (0.0, 100.0):
     assert np.abs(_run.displacement[..., 0]).max() <= 1e-11 * p / mu
 
 # %% [markdown]
-# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring and a load, and the library has an effect for
-# each of them. The bar has the modulus $M$ of uniaxial strain. If its left end moves by $U$, $M U = \beta (u_0 - U)$,
-# so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of $U$ contains no rate, so the
-# answer is exact on every mesh and for every step.
+# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring term and a load term, and the package has an
+# effect for each term. The bar has the modulus $M$ of uniaxial strain. If its left end moves by $U$,
+# $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of $U$
+# contains no rate, so the answer is exact on every mesh and for every step.
 
 
 # %%

@@ -3,7 +3,7 @@
 
 # %% [markdown]
 # *You need:* weak forms, lesson 4 (the quasistatic problem). *You will see:* that each effect adds arrays to a scene,
-# that an effect takes twenty lines, and that a closed form in space *and* time is a test that finds mistakes.
+# that an effect needs twenty lines, and that a closed form in space *and* time is a test that finds mistakes.
 #
 # A scene is a list of *effects*: elasticity, supports, loads, friction. No effect depends on the others. On a given
 # mesh each effect contributes arrays to one or more terms of
@@ -11,10 +11,11 @@
 # $$a(u, v - \dot u) + b(\dot u, v - \dot u) + j(v) - j(\dot u) \ge \langle \ell(t), v - \dot u \rangle :$$
 #
 # stiffness to $a$, viscosity to $b$, friction bounds to $j$, loads to $\ell$; supports and obstacles restrict the
-# admissible $v$. The scene adds all contributions. If the library lacks an effect, you can write it.
+# admissible $v$. The scene adds all contributions.
 #
-# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary, whose outward normal is $n$. The
-# traction of the dashpots resists the velocity. The damping $c$ is a force per area and velocity:
+# Our example is *dashpots*: shock absorbers along a part $\Gamma$ of the boundary. The traction $\sigma n$ of the
+# dashpots resists the velocity, where $\sigma$ is the stress and $n$ the outward normal. The damping $c$ is a force per
+# area and velocity:
 #
 # $$\sigma n = -c\, \dot u \quad \text{on } \Gamma, \qquad c \ge 0 .$$
 #
@@ -23,8 +24,8 @@
 # $$b(\dot u, v) = \int_\Gamma c\, \dot u \cdot v\, ds .$$
 #
 # Springs with the stiffness $\beta$ per area have the term $\int_\Gamma \beta\, u \cdot v\, ds$. For $\beta = c$ the
-# matrix is the same. The library has springs, so the effect is short. The package has helpers for authors of effects:
-# `Contribution` collects arrays, `data` evaluates constants and functions, `amount` and `where` describe data and
+# matrix of the springs is the matrix of $b$. The package has springs, so our effect is short. Three helpers are useful:
+# `Contribution` collects arrays, `data` evaluates constants and functions, and `amount` and `where` describe data and
 # boundaries in words.
 
 # %%
@@ -74,16 +75,15 @@ class Dashpots(vx.Effect):
 
 
 # %% [markdown]
-# Three rules make an effect easy to combine. An effect is *frozen*: it remembers no mesh, so one scene serves all
-# meshes. It *refuses* meaningless data: the error names the effect, the value found and the values allowed. It
-# *describes* itself in one line.
+# An effect obeys three rules. It is *frozen*: it remembers no mesh, so we can use one scene on all meshes. It *refuses*
+# wrong data: the error names the effect, the value found and the values allowed. It *describes* itself in one line.
 #
 # **Question:** Why may $c$ not be negative? Give one reason from thermodynamics and one from convexity.
 #
 # <details><summary>Answer</summary>
 #
 # *Dissipation:* dashpots take the power $c\,|\dot u|^2$ per area from the body; with $c < 0$ they would supply power
-# from nothing. *Convexity:* in the program of a step the dashpots are the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
+# from nothing. *Convexity:* in the program of a step the dashpots add the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
 # $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If this curvature exceeds the stiffness,
 # the program has no minimum.
 #
@@ -92,8 +92,9 @@ class Dashpots(vx.Effect):
 # ## A closed form as a test
 #
 # Take a bar between rollers. The right end is held. A constant traction $p$ pushes the left end from $t = 0$ on, and
-# the dashpots act at this end. The bar has length 1, all strains are uniform, and the modulus of a body that cannot
-# expand sideways is $M = E(1 - \nu) / ((1 + \nu)(1 - 2\nu))$. So the displacement $U$ of the left end satisfies
+# the dashpots act at this end. The bar has the length 1 and a uniform strain. Let $E$ be Young's modulus and $\nu$
+# Poisson's ratio. The modulus of a body that cannot expand sideways is $M = E(1 - \nu) / ((1 + \nu)(1 - 2\nu))$. So the
+# displacement $U$ of the left end satisfies
 #
 # $$c\, \dot U + M U = p, \qquad U(t) = \frac{p}{M}\bigl(1 - e^{-tM/c}\bigr) .$$
 #
@@ -101,9 +102,9 @@ class Dashpots(vx.Effect):
 #
 # $$(c/k + M)\, U_n = p + (c/k)\, U_{n-1} .$$
 #
-# We make two tests. Displacements are linear in $x$, and every virtual element mesh represents them *exactly*. So the
-# computed displacements must agree with the recursion **up to rounding**, on any mesh and for any step. This tests the
-# matrix. The recursion must approach the exponential **with the error** $O(k)$. This tests the factor $1/k$ and the
+# We make two tests. Displacements are linear in $x$, and virtual elements represent them *exactly* on every mesh. So
+# the computed displacements must agree with the recursion **up to rounding**, on any mesh and for any step. This tests
+# the matrix. The recursion must approach the exponential **with the error** $O(k)$. This tests the factor $1/k$ and the
 # equation itself.
 
 # %%
@@ -174,8 +175,8 @@ _figure
 #
 # ## The energy balance
 #
-# A third test needs no closed form. The dashpots take the energy $\int c\, \dot U^2 dt$. In time steps this is the sum
-# $\sum_n c\, s_n^2 / k$ with $s_n = U_n - U_{n-1}$. The package reports three of the four terms of
+# A third test needs no closed form. The dashpots take the energy $\int c\, \dot U^2 dt$. For backward Euler this energy
+# is $\sum_n c\, s_n^2 / k$ with $s_n = U_n - U_{n-1}$. The package reports three of the four terms of
 #
 # $$\text{work} = \text{stored} + \text{dissipated} + \sum_n \tfrac12 a(s_n, s_n),$$
 #
@@ -195,8 +196,9 @@ assert abs(run.work[-1] - run.energy[-1] - taken - lost_by_euler) <= 1e-10 * run
 # ## Together with friction
 #
 # We put the dashpots on the pulled side of the block of Feng, Han and Huang, and pull at several speeds. Without
-# dashpots the *speed does not matter* (lesson 4): the same load leads to the same displacement, in all bits, because
-# the speeds below are powers of two. With dashpots the speed matters. Each step is certified as before.
+# dashpots the *speed does not matter* (lesson 4): the same load leads to the same displacement. Here the displacements
+# agree in all bits, because the speeds below are powers of two. With dashpots the speed matters. Each step is certified
+# as before.
 
 
 # %%

@@ -113,7 +113,7 @@ assert best <= above(s) + rounding
 # $$\lambda = \mathrm{clip}(f, -w, w), \qquad K s = f - \lambda = \mathrm{sign}(f)\,(|f| - w)_+ .$$
 #
 # The two functions of $f$ are the projection onto an interval and the *soft threshold* of statistics. With many nodes
-# $K$ couples the thresholds, and the work of friction is
+# the matrix $K$ couples the nodes. The work of friction is
 #
 # $$\lambda^T s = \sum_i w_i |s_i| .$$
 
@@ -148,16 +148,15 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # $$(I - \rho K^{-1}) (\lambda - \lambda^*) .$$
 #
 # Along the $i$-th eigenvector of $K$ the error is multiplied by $1 - \rho/\kappa_i$. The smallest factor,
-# $1 - \rho/\kappa_1$, belongs to the softest direction. This factor is negative for $\rho > \kappa_1$, and less than
-# $-1$ for $\rho > 2 \kappa_1$, where the iteration need not converge. With $\rho = \kappa_1$ all factors lie between 0
-# and
+# $1 - \rho/\kappa_1$, belongs to the softest direction. This factor is negative for $\rho > \kappa_1$. For
+# $\rho > 2 \kappa_1$ it is less than $-1$, and the iteration need not converge. With $\rho = \kappa_1$ all factors lie
+# between 0 and
 #
 # $$q = 1 - \kappa_1/\kappa_m ,$$
 #
-# and *every* iteration multiplies the error of the forces by $q$ or less. (Lesson 5 has the same $\rho$: one over the
-# Lipschitz constant of the gradient, $|K^{-1}| = 1/\kappa_1$.)
+# and *every* iteration multiplies the error of the forces by $q$ or less.
 #
-# Nesterov's acceleration takes one more line. Acceleration gains little on coarse meshes, and more on fine meshes
+# Nesterov's acceleration needs one more line. It saves few iterations on coarse meshes, and many on fine meshes
 # (exercise 3).
 
 # %%
@@ -215,8 +214,8 @@ _figure
 # %% [markdown]
 # ## 4. Only the flexibility matters
 #
-# The dual does not contain $K$ but only $K^{-1}$, the flexibility of the contact nodes. Let $K_{all}$ be the stiffness
-# of all unknowns of the mesh, and let the matrix $B$ select the contact unknowns. The flexibility is
+# The dual contains only $K^{-1}$, the flexibility of the contact nodes. Let $K_{all}$ be the stiffness of all unknowns
+# of the mesh, and let the matrix $B$ select the contact unknowns. The flexibility is
 #
 # $$G = B K_{all}^{-1} B^T = K^{-1} .$$
 #
@@ -259,15 +258,14 @@ _figure
 
 # %% [markdown]
 # **Question:** Uzawa's method solves many linear problems, Newton's method (lesson 5) only a few. When is Uzawa's
-# method still the better choice? (Think of a matrix $K$ that you cannot factorise but can apply.)
+# method still the better choice? (Think of a matrix $K$ that is too large for a factorisation.)
 #
 # <details><summary>Answer</summary>
 #
 # Newton's method needs the entries of $K$: it solves a system with the block of $K$ for the slipping nodes, and this
 # block changes in every iteration. Uzawa's method only needs $K^{-1}$ times a vector, with the same $K$ in every
-# iteration. So Uzawa's method is the better choice where $K$ is too large to be factorised. An iterative solver of the
-# linear problems can then start from the last solution. Uzawa's method also works with an elastic code that returns
-# displacements for loads, and with measured flexibilities.
+# iteration. So Uzawa's method is the better choice where $K$ is too large to be factorised. Uzawa's method also works
+# with an elastic code that returns displacements for loads, and with measured flexibilities.
 #
 # </details>
 #

@@ -14,7 +14,7 @@ EPS = np.finfo(float).eps
 # %% [markdown]
 # **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the point of the box
 # that is nearest to $\alpha f$ is $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the smallest
-# quotient slips first. (No linear system is needed.)
+# quotient slips first.
 
 # %%
 factors = w / np.abs(f)
@@ -52,7 +52,7 @@ assert np.abs(p * (wall - pushed)).max() <= 100 * EPS * np.linalg.cond(K) * np.a
 # %% [markdown]
 # **3.** The stiffness at the contact nodes maps displacements to tractions. This map acts like one derivative, so the
 # condition number of $K$ grows like $1/h$. The bound on Uzawa's iterations grows in the same way, and the bound on
-# accelerated iterations grows like the root of $1/h$.
+# accelerated iterations grows like the square root of $1/h$.
 
 
 # %%
@@ -98,8 +98,7 @@ assert counts[-1][1] < counts[-1][0]
 # %% [markdown]
 # **4.** As a function of the nodal forces $B^T\lambda$, the dual objective $D$ has the second derivative $-K^{-1}$,
 # which is negative definite. So the nodal forces are unique. The map from $\lambda$ to $B^T\lambda$ is one-to-one if
-# the rows of $B$ are independent. With two equal rows only the *sum* of the two forces is determined, like two brakes
-# on one wheel.
+# the rows of $B$ are independent. With two equal rows only the *sum* of the two forces is unique.
 
 # %%
 stiffness, load = 2.0, 1.5

@@ -14,10 +14,10 @@ end. Within about H = h1 + h2 of this end the stresses differ from beam theory, 
 O((H / L)^2). A soft foundation prevents a vertical translation; its force is zero.
 
 With `--set grain=A` the upper layer is wood with a grain at the angle A (in radians) to the strip. Young's modulus of
-the wood is E2 along the grain and E2 / 10 across the grain. The shear modulus is G = E2 / 15. Let c = cos A and s = sin
-A. Along the strip, Young's modulus E of the wood follows from 1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10
-s^4 / E2, with Poisson's ratio nu. In the formula of the curvature, E replaces E2. With an oblique grain, x = 0 is not a
-plane of symmetry, and the rollers at x = 0 make an error O(H / L).
+the wood is E2 along the grain and E2 / 10 across the grain. The shear modulus is G = E2 / 15. Let c = cos A and
+s = sin A. Along the strip, Young's modulus E of the wood follows from
+1 / E = c^4 / E2 + (1 / G - 2 nu / E2) c^2 s^2 + 10 s^4 / E2, with Poisson's ratio nu. In the formula of the curvature,
+E replaces E2. With an oblique grain, x = 0 is not a plane of symmetry, and the rollers at x = 0 make an error O(H / L).
 
     vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """

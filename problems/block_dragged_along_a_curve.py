@@ -13,7 +13,7 @@ $$ F = -\mu P U' / |U'|, $$
 opposite to the velocity U'. Backward Euler replaces U' by the step U_n - U_{n-1}. Let H be the height of the block, G
 its shear modulus and p = P / 4 the pressure. The sole lags behind the plate by the shear displacement r = mu p H / G.
 Friction opposes the velocity of the sole. The direction of this velocity differs from the direction of U' by an angle
-O(r / R_c), where R_c is the radius of curvature of the path. The formula neglects this angle.
+O(r / R_c), where R_c is the radius of curvature of the path. The formula for F neglects this angle.
 
     vemcvx run problems/block_dragged_along_a_curve.py --n 3 --steps 48 --plot
 """

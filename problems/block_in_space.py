@@ -1,7 +1,7 @@
 r"""A block pushed obliquely over a rough floor: the problem of Feng, Han and Huang (Section 4) in space.
 
 The unit cube with E = 200, nu = .3 is clamped on its right side, x_1 = 1, and rests on a rigid floor, x_3 = 0, in
-bilateral contact with Tresca friction, bound g = 4. The traction on the left side of the cube is
+bilateral contact with Tresca friction of the bound g = 4. The traction on the left side of the cube is
 
 $$ f_2(x, t) = (8 (1.25 - x_3) t, 2 t, -0.01 t), \qquad 0 \le t \le 1. $$
 

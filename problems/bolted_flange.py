@@ -4,8 +4,8 @@ A steel ring of radii 30 and 60 mm, 12 mm high, is pressed on a rigid base by fo
 like springs spread over the top: they resist sideways motion and rotation. A torque M acts on the ring from the start.
 The torque is three quarters of the largest torque that friction can transmit, so the ring sticks before the base moves.
 Then the base shakes along x_1, one cycle per unit of time. The whole bottom of the ring slips. The friction of a
-slipping ring opposes the shaking, so friction resists the torque less. In every cycle the ring rotates further, until
-the springs alone transmit the torque:
+slipping ring opposes the shaking, so that little friction resists the torque. In every cycle the ring rotates further,
+until the springs alone transmit the torque:
 
 $$ \text{angle} = M / (k J), \qquad J = \int r^2 \text{ over the top}, k \text{ the springs' stiffness per area}. $$
 

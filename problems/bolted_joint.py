@@ -4,7 +4,7 @@ Two steel plates in plane strain lie on each other; each is 80 mm long, 10 mm hi
 with 60 MPa on the middle 30 mm of both outer faces. The left end of the lower plate is clamped. The right end of the
 upper plate is guided along x. A force pulls and pushes this end; only Coulomb friction resists the force. A cycle has
 four steps: pulled, free, pushed, free. With the force P of the bolt and the coefficient of friction mu, the largest
-force is 0.6 mu P, so that the joint as a whole does not slip. At each instant the sum of the nodal friction forces
+pull is 0.6 mu P, so that the joint as a whole does not slip. At each instant the sum of the nodal friction forces
 equals the load up to rounding. From the second cycle on, all cycles add the same wear (friction work per length).
 
     vemcvx run problems/bolted_joint.py --n 10 --steps 40 --plot

@@ -1,8 +1,9 @@
 r"""A round fibre in a softer matrix: two materials, and a uniform stress inside the fibre.
 
-A large plate (plane strain, E1, nu1) with a bonded round fibre of radius R (E2, nu2) is under the tension S along
-x. Let m = mu2 / mu1 be the ratio of shear moduli, kappa1 = 3 - 4 nu1 and kappa2 = 3 - 4 nu2. The solution in the matrix
-has the potentials of `plate_with_hole.py`, with the constants
+A round fibre of the radius R with the constants E2, nu2 is bonded into a large plate with the constants E1, nu1. The
+plate is in plane strain, under the tension S along x. Let m = mu2 / mu1 be the ratio of shear moduli,
+kappa1 = 3 - 4 nu1 and kappa2 = 3 - 4 nu2. The solution in the matrix has the potentials of `plate_with_hole.py`, with
+the constants
 
 $$
 d = \frac{m S (\kappa_1 + 1)}{4 (\kappa_2 - 1 + 2 m)}, \qquad a = \frac{S R^2 (1 - m)}{2 (1 + m \kappa_1)}, \qquad

@@ -1,4 +1,4 @@
-r"""A block that yields by the criterion of von Mises, with second-order cones.
+r"""A block that yields by the criterion of von Mises: each cell has one second-order cone.
 
 The block is in plane strain (Han and Reddy, Plasticity, chapter 7). The plastic strain P is symmetric and traceless,
 P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
@@ -27,7 +27,7 @@ a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 \mu(p\cdot N:\varepsilon(\Pi v) + q\cdot
 j(v, q) = \sum_K |K| R |q_K|, \qquad \lambda_K = |K| (s - H P) \text{ in the basis},
 $$
 
-where p.N = P. Each cell has one cone with three components.
+where p.N = P. The cone of a cell has three components.
 
 **Exact on every mesh.** Under the tractions of a uniform stress S(t) on the whole boundary, stress and strain in the
 block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)

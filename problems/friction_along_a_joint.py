@@ -5,8 +5,8 @@ g(x), a force per length. Slip begins at the right end; at the largest pull it h
 displacements of the top are measured at some points and instants, with noise.
 
 The unknown bound is linear between knots. `vx.fit` finds its values at the knots from the measurements. Far from the
-pulled end nothing slips, so the measurements give only a lower bound of g. Therefore we assume that the second
-differences of g at the knots are normally distributed, with the standard deviation `BEND`. The fit adds the
+pulled end nothing slips: there the measurements only show that g is not below the friction. Therefore we assume that
+the second differences of g at the knots are normally distributed, with the standard deviation `BEND`. The fit adds the
 regularising terms (second difference / BEND)^2 to the sum of squares.
 
 The band in the picture is the fitted bound, plus and minus twice its standard error. Where the joint slips, the

@@ -1,8 +1,8 @@
 """Guaranteed error bounds: intervals that contain the exact values, on every mesh.
 
-The displacement is the closed form of `manufactured_full_slip.py`, with t^2 / 1000 in place of t. The left side of the
-block is on rollers and bears the shear traction of the closed form. The tractions of the closed form act on the top and
-the right side, and its body force acts inside. Friction is at its bound along the whole floor. All data are
+The displacement of a block is the closed form of `manufactured_full_slip.py`, with t^2 / 1000 in place of t. The left
+side of the block is on rollers and bears the shear traction of the closed form. The tractions of the closed form act on
+the top and the right side, and its body force acts inside. Friction is at its bound along the whole floor. All data are
 proportional to t^2.
 
 From an admissible displacement and an admissible stress, `vx.error_bound` computes intervals that contain the elastic

@@ -4,8 +4,8 @@
 
 For every case the table states what is required: an answer, an answer with a warning, or a refusal in one clear
 sentence. For Newton, Clarabel and OSQP the table also has maxima over the steps: the certified relative energy error,
-the rounding error of the certificate (floor), and the number of iterations. It has the true error if a closed form
-exists, and seconds. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked
+the rounding error of the certificate (floor), and the number of iterations. It also has seconds, and the true error if
+a closed form exists. A solver that misses its accuracy reports that it cannot solve the case. Wrong behaviour is marked
 WRONG below its case; the command then fails.
 """
 
@@ -67,7 +67,7 @@ def format_rows(rows: Sequence[Row]) -> str:
             lines += [format_finding(case, finding) for finding in findings]
         able = [f.solver for f in findings if f.did == case.must]
         if len(able) == 1 and len(findings) > 1:
-            lines.append(f"    only {able[0]} can do this")
+            lines.append(f"    only {able[0]} solves this case")
         lines += [f"    WRONG: {f.solver}: {f.complaint}" for f in findings if f.complaint]
     return "\n".join(lines)
 

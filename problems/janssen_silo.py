@@ -1,4 +1,4 @@
-r"""A silo: wall friction bears a part of the filling, and the pressure on the floor stays bounded.
+r"""A silo: friction on the wall bears a part of the weight, and the pressure on the floor stays bounded.
 
 Half of a plane silo of half-width B and height H is computed: x = 0 is the middle, x = B is a rigid rough wall with the
 friction coefficient mu, and y = 0 is a smooth floor. The filling is elastic, in plane strain, and its weight w per area

@@ -225,9 +225,9 @@ def numbers_of(history, step):
     lost, work = history.dissipated_second_order[now], history.work_second_order[now]
     return [
         ("sticking", f"{stuck.sum()} of {len(stuck)}", "contact nodes at this step"),
-        ("dissipated", f"{lost:.3g}", f"so far, of the work {work:.3g}"),
-        ("duality gap", f"{run.gap[now]:.0e}", "the energy of this step exceeds its minimum by at most this"),
-        ("certified error", f"{worst:.0e}", f"relative, the largest of all steps; {kept}"),
+        ("dissipated", f"{lost:.3g}", f"up to this step; the work of the loads is {work:.3g}"),
+        ("duality gap", f"{run.gap[now]:.0e}", "the energy of this step exceeds the minimum by at most this number"),
+        ("certified error", f"{worst:.0e}", f"relative error, largest of all steps; {kept}"),
     ]
 
 

@@ -8,7 +8,7 @@ $$ \text{sum of contact and friction forces on the pin } = -q A (\cos \phi, \sin
 
 with the area A of the end of the pin. The mesh has 8n equal sectors. If the initial direction of the load is rotated by
 a multiple of the angle of a sector, the solution is rotated by the same angle. While the load turns, the pin creeps a
-little in the lug, and friction dissipates energy.
+little in the lug.
 
     vemcvx run problems/lug_and_pin.py --n 4 --steps 24 --accuracy 1e-6 --plot
 """

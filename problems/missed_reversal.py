@@ -2,8 +2,8 @@
 
 The block of Feng, Han and Huang, Section 4 (`feng_han_huang.py`), is ten times as stiff here, and pushed twice as
 strongly. The load grows until t = 1/2 and then returns to zero. While the load grows, slip spreads along the contact.
-When the load reverses, all nodes stick at once; then slip in the other direction spreads, over less of the contact. At
-the end the body is unloaded but not stress-free, because friction locks stresses in.
+When the load reverses, all nodes stick at once; then slip in the other direction spreads over a smaller part of the
+contact. At the end the body is unloaded but not stress-free, because friction locks stresses in.
 
 Backward Euler evaluates the load only at the ends of its steps. If the number of equal steps is odd, the reversal is
 half a step, k/2, away from the nearest instants. The run misses the last rise of the load, which is the fraction k of

@@ -14,8 +14,8 @@ and the time step 1/8, the largest slips at t = 1 are .0114 to .0115 mm on all m
 factor 1 they are .0114 mm on squares, .0113 mm on Voronoi cells and hexagons, and .0076 mm on nonconvex cells. With 24
 nonconvex cells a side and the factor 1, nothing slips. In other units, such as N instead of daN, S_K gives other slips.
 
-The command also prints the deviations of the package from the text of the paper, and the options that restore the text.
-This command prints only the deviations:
+The command also prints the deviations of the package from the text of the paper, and the options that undo the
+deviations. This command prints only the deviations:
 
     python problems/paper_figures.py --deviations
 """

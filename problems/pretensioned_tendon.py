@@ -1,10 +1,10 @@
 r"""A tendon, tensioned, bonded and released: friction preserves its stress except along the transfer length.
 
-Half of a tendon is computed, with the length L from the middle x = 0 and the height H, in plane stress with nu = 0. A
-jack at x = L holds the prestress S of the tendon, so that u = 0 at t = 0. The tendon lies on a bed with the friction
-bound g per length. The jack releases the tendon, pulls again and releases again: at t = 0, 1, 2, 3 the stress at the
-end is S, 0, 0.6 S and 0. Let s be the distance from the end, T the pull at the end (a force), N the force in the
-tendon, and N_0 = S H. During the first release T falls to 0, and the end draws in by u_1. The theory of rods gives
+Half of a tendon is computed, with the length L from the middle x = 0 and the height H, in plane stress with nu = 0. At
+t = 0 a jack at x = L holds the prestress S of the tendon, and u = 0. The tendon lies on a bed with the friction bound g
+per length. The jack releases the tendon, pulls again and releases again: at t = 0, 1, 2, 3 the stress at the end is S,
+0, 0.6 S and 0. Let s be the distance from the end, T the pull at the end (a force), N the force in the tendon, and
+N_0 = S H. During the first release T falls to 0, and the end draws in by u_1. The theory of rods gives
 
 $$ N = \min(N_0, T + g s), \qquad \text{transfer length } N_0 / g, \qquad u_1 = N_0^2 / (2 E H g). $$
 

@@ -22,9 +22,9 @@ square both ratios are 2. On other cells, v is computed by linear finite element
 The computed energies are a few per cent too high.
 
 Results: over all families of meshes S / a_mu stays between .5 and 7. In a cell of size h, an edge of length e h lowers
-the least ratio by a logarithm only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls like the
-inverse of the aspect ratio, and the greatest ratio grows in proportion to the aspect ratio. On stretched rectangles
-both ratios fall.
+the least ratio by a logarithmic factor only: S / a_mu >= c / log(1 / e). On stretched hexagons the least ratio falls
+like the inverse of the aspect ratio, and the greatest ratio grows in proportion to the aspect ratio. On stretched
+rectangles both ratios fall.
 
     python problems/stabilisation_spectrum.py [--picture FILE]
 """

@@ -11,8 +11,8 @@ $$
 
 So the force of the support is F(U) = g l. For U >= U* = g L^2 / (2 E H) all of the strip slips, and F = g L. When the
 belt reverses at U1, friction reverses in a zone that grows from the support. By Masing's rule (1926), the force of the
-support is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is 2/3 g L U* + g L
-(U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
+support is then F(U1) - 2 F((U1 - U) / 2). In the first motion up to U1 > U*, the work of the belt is
+2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. The relative error of the rod model is O(H / l).
 
     vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
 """

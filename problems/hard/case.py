@@ -3,7 +3,7 @@
 Let u_n be the answer to step n, gap_n its certified duality gap, and |.|_a the energy norm. Let u_n' be the answers of
 a run in which every step is solved exactly. Then
 
-    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + bounds of rounding errors.
+    |u_n - u_n'|_a <= sum over m <= n of sqrt(2 gap_m)  + floors (bounds of rounding errors).
 
 If a case has a closed form, the left side is measured. The answers of two solvers may differ by at most the sum of
 their bounds. A solver that misses its accuracy must report the failure.
@@ -79,7 +79,7 @@ class Finding:
     error: float = np.nan
     """The true relative energy error, if there is a closed form."""
     allowed: float = np.nan
-    """The certified error of all steps plus their rounding floors."""
+    """The certified error of all steps plus the floors of all steps."""
     iterations: int = 0
     seconds: float = 0.0
     complaint: str = ""

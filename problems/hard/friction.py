@@ -153,9 +153,9 @@ CASES = (
     with_bound("g < 0", -1.0, must=REFUSAL, says="must be >= 0"),
     with_bound("g = NaN", np.nan, must=REFUSAL, says="found NaN"),
     with_bound("g = infinity", np.inf, must=REFUSAL, says="infinity"),
-    Case("exactly at the threshold", at_the_threshold),
+    Case("friction exactly at its bound", at_the_threshold),
     Case(
-        "everything slips, everything sticks, in turn",
+        "all nodes slip, then all nodes stick",
         lambda: shear_block(vx.meshes.voronoi(6, box=((0, 2), (0, 0.5)))),
     ),
     Case("friction on no edge", no_contact_edges, REFUSAL, "selects none of the 48 boundary edges"),

@@ -95,12 +95,12 @@ CASES = (
     Case("a solver that fails in the fourth step", setting_with_check(), CANNOT, "step 4", solvers=(Unreliable(),)),
     Case("a solver that accepts no friction", setting_with_check(), CANNOT, "does not accept", solvers=(vx.Direct(),)),
     Case(
-        "accuracy beyond rounding",
+        "an accuracy that rounding prevents",
         setting_with_check(),
         CANNOT,
         "but 1.0e-15 was requested",
         solvers=(vx.Clarabel(accuracy=1e-15),),
     ),
-    Case("loads that rest", resting_load, holds=rests),
-    Case("all terms at their bound, none slipping", all_degenerate),
+    Case("a load that changes in every fourth step only", resting_load, holds=rests),
+    Case("friction at its bound at every node, and no slip", all_degenerate),
 )

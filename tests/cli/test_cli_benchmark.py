@@ -56,7 +56,7 @@ def test_the_cheapest_trial_that_reaches_an_error_counts():
 
 
 def test_means_are_shifted_and_geometric():
-    """With a shift of .01, the mean of .09 and .39 is (.1 * .4)^.5 - .01 = .19. Infinity counts as the time limit."""
+    """With a shift of .01, the mean of .09 and .39 is (.1 * .4)^.5 - .01 = .19. Infinity becomes the time limit."""
     assert geometric_mean([0.09, math.inf], 0.39) == pytest.approx(0.19, rel=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""`vemcvx compare`: distances of solutions against certificates, and rows of failed solvers."""
+"""`vemcvx compare`: certificates bound the distances of solutions, and failed solvers have rows."""
 
 from __future__ import annotations
 

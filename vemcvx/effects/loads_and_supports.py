@@ -118,7 +118,7 @@ class BodyForce(Effect):
 
 @dataclass(frozen=True)
 class PointLoad(Effect):
-    """A force on single nodes, per unit thickness. Under refinement, displacements at the nodes grow without bound.
+    """A force on single nodes, per unit thickness. Under refinement, displacements at these nodes grow without bound.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ class Pile:
         return np.unique(mesh.vertices[np.repeat(mesh.cell_data[name] == 1, np.diff(mesh.offsets))])
 
     def mean_motion(self, name, corners):
-        """Return the motion of the middle between two corners of a block."""
+        """Return the motion of the midpoint between two corners of a block."""
         own = self.nodes(name)
         apart = np.linalg.norm(self.mesh.points[own] - np.array(corners)[:, None], axis=2)
         return self.found.motion[own[apart.argmin(axis=1)]].mean(axis=0)

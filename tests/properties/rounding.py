@@ -107,7 +107,7 @@ class Marched:
         return self.trajectory.state[n] - self.trajectory.state[n - 1]
 
     def blur_of_objective(self, n, *points):
-        """Return the sum of the rounding errors of the objective of step n at the increments `points`.
+        """Bound the rounding errors of the objective of step n, summed over the increments `points`.
 
         With N unknowns, each summand of the objective has N + 3 roundings. The load g = f - K y_{n-1} of the step has
         the error (N + 2) eps (|f| + M|y_{n-1}|).

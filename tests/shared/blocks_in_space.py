@@ -1,4 +1,4 @@
-"""A clamped block on a rough floor in space, as a System, and a comparison of linear solvers."""
+"""Compare linear solvers in space, on a clamped block that touches a rough floor."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from vemcvx.scene import pose_scene
 
 
 def pose_block_on_floor(n, traction, bound=1.0, coefficient=None, is_bilateral=True):
-    """Return the System of the unit cube with n cells per edge, a clamp on the right, and traction(t) on the top.
+    """Return the System of a unit cube that is clamped on the right and loaded by traction(t) on the top.
 
-    Friction on the bottom is Tresca's with `bound`, or Coulomb's if `coefficient` is given.
+    The cube has n cells per edge. Friction on the bottom is Tresca's with `bound`, or Coulomb's if `coefficient` is
+    given.
     """
     friction = vx.TrescaFriction(bound, on="bottom", while_closed=None if is_bilateral else False)
     scene = vx.Scene(

@@ -131,7 +131,7 @@ def beside_refined(coarse, part, most=20_000):
 
     Let u be the exact solution, v and v_f the displacements of the coarse and the finer run, and w_f the enrichment of
     v_f. The results are |v - v_f - w_f|_a, a bound of |u - v_f - w_f|_a, and the ErrorBound of the finer run. The finer
-    mesh is refined until the bound is at most `part` times the coarse error, or the mesh has over `most` cells.
+    mesh is refined until the bound is at most `part` times the coarse error, or the mesh has more than `most` cells.
     """
     times, mesh = coarse.trajectory.times, coarse.mesh.refine().refine()
     target = part * vx.error_bound(coarse, step=-1).lower

@@ -1,7 +1,7 @@
-"""Cases on which estimated mesh errors are compared with true errors: flat and tall cells of aspect 1 to 100.
+"""Cases on which estimated mesh errors are compared with true errors: flat and tall cells with aspect ratios up to 100.
 
-Blocks and beams have meshes of rectangles with aspects up to 100. Blocks also have meshes of all other families, with
-aspects up to 16. Every case has a finer reference mesh.
+Blocks and beams have meshes of rectangles with ratios up to 100. Blocks also have meshes of all other families, with
+ratios up to 16. Every case has a finer reference mesh.
 """
 
 from __future__ import annotations

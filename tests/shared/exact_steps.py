@@ -307,7 +307,7 @@ class _Conditions:
         raise Stuck("the sets cycle")
 
     def _find_parallel_rows(self):
-        """Return (norm term, limit, ratio) for all pairs of rows with one common unknown."""
+        """Return (norm term, limit, ratio) for all pairs of rows that contain the same single unknown."""
         rows = []
         for matrix in (self.B, self.E):
             single = np.flatnonzero(np.bincount(matrix.rows.astype(int), minlength=matrix.shape[0]) == 1)

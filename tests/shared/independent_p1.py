@@ -276,7 +276,7 @@ class Body:
         return self
 
     def rub(self, side, bound=None, coefficient=None, integrated=False):
-        """Add friction with the bound bound(x, y, t), or coefficient(x, y) times the pressure."""
+        """Add friction. The bound is bound(x, y, t), or coefficient(x, y) times the pressure."""
         rows = self._free(self.rows(side, tangents=True))
         x, y = self.points[rows.nodes].T
 

@@ -273,7 +273,7 @@ def _compute_excess(posed, u, t):
 
 
 def _check_balance(posed, history, verdict):
-    """Check that all nodal forces, loads and springs to the ground balance, in force and in moment."""
+    """Check the balance of forces and moments: nodal forces, loads, and springs to the ground."""
     points = history.mesh.points
     middle = points.mean(axis=0)
     x, y = (points - middle).T / np.ptp(points, axis=0).max()

@@ -21,7 +21,7 @@ def label(mesh):
 
 
 def assert_same(one, other, *, arrays=None, parts=("boundaries", "cell_data")):
-    """Check that two meshes of one kind are equal, by default in all arrays and names."""
+    """Check that two meshes of the same type are equal, by default in all arrays and names."""
     assert type(one) is type(other)
     for name in one.ARRAYS if arrays is None else arrays:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))

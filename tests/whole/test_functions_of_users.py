@@ -1,4 +1,4 @@
-"""User-defined functions cannot change their arguments, and their results are copied at once."""
+"""User-defined functions cannot change their arguments, and the package copies their results immediately."""
 
 from __future__ import annotations
 

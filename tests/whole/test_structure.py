@@ -58,7 +58,7 @@ LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
 LINES |= {"limit_analysis": 398}
 LINES |= {"sensitivity": 773, "cost": 486, "cli": 2_912}
 LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
-"""Largest numbers of lines of folders."""
+"""Largest number of lines of each folder."""
 TOP = 1_695
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 18_089
@@ -98,7 +98,7 @@ def parse(path):
 
 
 def list_imports(path, checking=True, late=True):
-    """Yield the imported modules, with `checking` also for types, with `late` also in functions."""
+    """Yield the imported modules. `checking` includes imports for types, `late` includes imports in functions."""
     guards = [] if checking else [node for node in nodes(path, ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
     guards = guards if late else [*guards, *nodes(path, ast.FunctionDef)]
     apart = {id(node) for guard in guards for node in ast.walk(guard)}

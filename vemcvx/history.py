@@ -148,7 +148,7 @@ class History(Results, Outlined):
         return mean(self, field, on)
 
     def table(self, name: str) -> Columns:
-        """Return columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.
+        """Return named columns of equal length: ``pandas.DataFrame(history.table("contact"))``.
 
         Parameters
         ----------

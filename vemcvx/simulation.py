@@ -85,7 +85,7 @@ def simulate(
     condense : bool
         Eliminate unknowns that have neither friction nor contact. Runs with Viscosity or dashpots keep all unknowns.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Iterative() or PETSc(); the default depends on the size and the installed packages.
+        SuperLU(), Pardiso(), Iterative() or PETSc(). The default depends on the problem size and on the packages.
     progress : callable (step, steps), or False
         Called after each step.
     stream : path, optional
@@ -102,7 +102,7 @@ def simulate(
     Raises
     ------
     SceneError
-        The scene or an argument is not valid, no bound is available, or `initial` violates (3.10) of the paper.
+        The scene or an argument is not valid, no bound is available, or `initial` violates (2.1) of the paper.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified
@@ -291,7 +291,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     Returns
     -------
     Projected
-        An initial state for any mesh, for simulate, adapt, studies and problem files.
+        An initial state on any mesh, for simulate, adapt, studies and problem files.
 
     Raises
     ------

@@ -113,14 +113,14 @@ class LinearSolver(ABC):
         """
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
-        """Factorise K (n, n), symmetric positive definite, with the unknowns `last` eliminated last.
+        """Factorise K (n, n), symmetric positive definite, and eliminate the unknowns `last` at the end.
 
         Parameters
         ----------
         order : (n,) permutation
             An order of elimination with little fill. Ignored if `orders` is True.
         last : (m,) array
-            Numbers of the unknowns of the Schur complement.
+            Indices of the unknowns of the Schur complement.
 
         Returns
         -------

@@ -126,7 +126,7 @@ class PyAMGFactor(IterativeFactor):
 
 
 def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats], name: str) -> float:
-    """Return a lower bound of the eigenvalues of MK, by Lanczos' method in the inner product of M.
+    """Return a lower bound on the eigenvalues of MK, by Lanczos' method in the inner product of M.
 
     Let xi be the smallest Ritz value after k steps from a random direction. All eigenvalues are at least
     1 - (1 - xi) / (1 - eps), except with a probability below p = 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and

@@ -101,7 +101,7 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 
 
 def choose_anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """Return the stiffness (m,) of k anchors, and zero elsewhere."""
+    """Return stiffnesses (m,), positive at k anchors and zero elsewhere."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness, largest = np.zeros(len(modes)), diagonal.max(initial=0.0) or 1.0
     stiffness[picked] = np.where(diagonal[picked] > SAME * largest, diagonal[picked], largest)

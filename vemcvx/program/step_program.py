@@ -441,7 +441,7 @@ class SolvedProgram(StepProgram):
     t : float
         The instant at the end of the step.
     slope : (m, r) sparse matrix, optional
-        Derivatives of weights by forces of limits. Under Coulomb's law, they are friction coefficients.
+        Derivatives dw/dp of the weights by the forces of limits. Under Coulomb's law, they are friction coefficients.
     origin : mapping
         The origin of the program in words and numbers: "scene", "mesh", "solver".
 

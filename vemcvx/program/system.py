@@ -86,7 +86,7 @@ class Norms(Rows):
     w : (m,) array, or callable t -> (m,)
         Weights >= 0. An infinite weight is the constraint B_i v = 0.
     block : int
-        Rows of B_i: 1 in the plane, 2 in space.
+        Number of rows of B_i: 1 in the plane, 2 in space.
     places : callable i -> str, optional
         The place of term i in words, for messages.
     law : Law, optional

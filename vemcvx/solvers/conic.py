@@ -51,8 +51,8 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
     "OSQP": {
         "eps_abs": RESIDUAL,
         "eps_rel": RESIDUAL,
-        "eps_prim_inf": 1e-15,  # with the default, OSQP calls steps infeasible
-        "eps_dual_inf": 1e-15,  # with the default, OSQP calls steps unbounded
+        "eps_prim_inf": 1e-15,  # with the default, OSQP reports infeasible steps
+        "eps_dual_inf": 1e-15,  # with the default, OSQP reports unbounded steps
         "max_iter": 100_000,  # the default, 4000, is too small
         "polishing": True,  # gains the last digits
         "polish_refine_iter": 10,

@@ -293,7 +293,7 @@ def march(
     progress : callable (step, steps), optional
         Called after each step.
     storage : Storage, optional
-        Memory() or Folder(path). An interrupted run of the same system in the folder is continued.
+        Memory() or Folder(path). A folder continues an interrupted run of the same system.
 
     Returns
     -------

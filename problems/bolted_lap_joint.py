@@ -105,7 +105,7 @@ def times(steps):
 
 
 def forces_on_upper_plate(history):
-    """Return the forces of lower plate, heads and collars on half the upper plate at each instant."""
+    """Return the forces on half of the upper plate: from the lower plate, the heads and the collars."""
     contact = history.contact
     friction = contact.traction * contact.friction_lengths[:, None]
     force = friction - contact.pressure[:, :, None] * (contact.lengths[:, None] * contact.normals)

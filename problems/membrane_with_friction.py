@@ -89,13 +89,13 @@ def scalar_stiffness(mesh):
 
 
 def node_areas(mesh):
-    """Return the area of each node: every vertex of a cell gets an equal part of the cell."""
+    """Return the area that belongs to each node: every vertex of a cell gets an equal part of the cell."""
     corners = np.diff(mesh.offsets)
     return np.bincount(mesh.vertices, weights=np.repeat(mesh.areas / corners, corners), minlength=mesh.n_nodes)
 
 
 def node_lengths(mesh, on):
-    """Return the length of each node on a part of the boundary, zero elsewhere."""
+    """Return the length that belongs to each node of a part of the boundary, zero at other nodes."""
     part = Space(mesh).part(on, "membrane")
     lengths = np.zeros(mesh.n_nodes)
     lengths[part.nodes] = part.node_lengths
@@ -103,7 +103,7 @@ def node_lengths(mesh, on):
 
 
 def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
-    """Return a membrane that is held on the part `held`, and pulled by the samples `pull` on the part `pulled`.
+    """Return a membrane, held on the part `held` and pulled on the part `pulled`; `pull` has a value per instant.
 
     `rough` (n_nodes,) has the areas or lengths on which friction acts at the nodes, zero at nodes without friction.
     """

@@ -162,7 +162,7 @@ def figure_2(n: int = 24, steps: int = 64, stabilisation: str = "unit"):
 
 
 def body(ax, run):
-    """Draw the body coloured by the mean of u_1 over the vertices of each cell."""
+    """Draw the body; the colour of a cell is the mean of u_1 over its vertices."""
     mesh, u = run.mesh, run.displacement[-1, :, 0]
     mesh.plot(ax=ax, linewidth=0.15, edgecolor="0.4")
     cells = ax.collections[0]

@@ -34,7 +34,7 @@ def transfer_length():
 
 
 def draw_in():
-    """Return the draw-in of the end after the first release, the second pull and the second release."""
+    """Return three draw-ins of the end: after the first release, the second pull and the second release."""
     first = (PRESTRESS * HEIGHT) ** 2 / (2 * YOUNG * HEIGHT * BOUND)
     return first, first - (AGAIN * PRESTRESS * HEIGHT) ** 2 / (4 * YOUNG * HEIGHT * BOUND), first
 

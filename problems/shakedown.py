@@ -90,7 +90,7 @@ def free_scene(factor=1.0):
 
 
 def circle_scene(factor=1.0):
-    """Return the scene in space whose top moves along a circle once in the time 1."""
+    """Return the scene in space whose top moves once around a circle in the time 1."""
 
     def move(x, t):
         turned = 2 * np.pi * t

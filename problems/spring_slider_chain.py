@@ -182,10 +182,10 @@ def main(path=None):
     sliders = march(pose_under_strain(exact[:, 0], E, y), force)
     stress = E_0 * exact[:, 0] + sliders.multipliers[:, :, 0].sum(axis=1)
     print(
-        f"inverse: the stress of the elements under the chain's displacement is F to {np.abs(stress - force).max():.1e}"
+        f"inverse: the stress of the elements under the displacement u_0 is F up to {np.abs(stress - force).max():.1e}"
     )
     strain = march(pose_under_stress(force, E_0, E, y), force).state[:, 0]
-    print(f"inverse of the inverse: the elements' strain under F is u_0 to {np.abs(strain - exact[:, 0]).max():.1e}")
+    print(f"inverse of the inverse: the strain under F is u_0 up to {np.abs(strain - exact[:, 0]).max():.1e}")
     if path:
         picture(path, force, exact, exact[:, 0], stress)
 

@@ -46,7 +46,7 @@ def on(mesh, course=cyclic, *, times=TIMES, **settings):
 
 
 def shear_block(mesh, origin=(0.0, 0.0)):
-    """Return a block sheared back and forth on any mesh of (0, 2) x (0, 1/2), with its closed form."""
+    """Return a setting with a block that is sheared back and forth; `mesh` covers (0, 2) x (0, 1/2)."""
     instants = hysteresis.times(HYSTERESIS_STEPS)
     exact = hysteresis.exact(mesh.points, instants, floor=origin[1])
     return Setting(hysteresis.scene(), name_sides(mesh), instants, exact)

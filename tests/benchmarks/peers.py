@@ -66,7 +66,7 @@ def block(n: int) -> vx.meshes.PolyhedralMesh:
 
 
 def run_peer(python: str, code: str, *arguments: str) -> object:
-    """Run a program with the Python of the peer, and return the printed JSON."""
+    """Run a program with the Python that has Siconos, and return the JSON that it prints."""
     one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     made = subprocess.run([python, "-c", code, *arguments], capture_output=True, text=True, env={**os.environ, **one})
     if made.returncode:

@@ -32,7 +32,7 @@ def test_a_missing_package_is_named(monkeypatch):
 
 @pytest.mark.long
 def test_an_answer_with_a_false_certificate_is_named(monkeypatch):
-    """The steps are solved and certified with forces that are a millionth too large."""
+    """The steps are solved and certified with forces that are too large by a millionth."""
     march = doctor.march
 
     def wrong(system, *given, **named):

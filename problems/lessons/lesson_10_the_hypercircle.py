@@ -230,13 +230,13 @@ assert min(ratios) < 1.5
 # ## 5. A body
 #
 # A mesh provides admissible displacements $v$ directly. Stresses in equilibrium need more work. We split every cell
-# into triangles. On each triangle the components of the stress $\tau$ are polynomials, and tractions agree across
-# edges. With the body force $f$ the stress satisfies
+# into triangles. On each triangle the components of the stress $\tau$ are polynomials, and the tractions of two
+# triangles agree on the common edge. With the body force $f$ the stress satisfies
 #
 # $$\mathrm{div}\, \tau + f = 0 .$$
 #
-# The function `vx.error_bound` computes the stress with the smallest bound for a polynomial degree. The bound is for
-# the distance to the solution of the *body*, not to the solution on the mesh.
+# Among the stresses of one polynomial degree, `vx.error_bound` finds the stress with the smallest bound. The bound is
+# for the distance to the solution of the *body*, not to the solution on the mesh.
 
 # %%
 

@@ -2,9 +2,8 @@
 """# Lesson 11, data from answers: derivatives, fits, and the limit load"""
 
 # %% [markdown]
-# *You need:* active sets (lesson 5), the dual of a step (lesson 9), least squares. *You will see:* the derivative of an
-# answer with respect to the data, computed in two orders; a fit to a noisy loop; and the largest load, from a cone
-# program.
+# *You need:* active sets (lesson 5), the dual of a step (lesson 9), least squares. *You will see:* forward and adjoint
+# derivatives of an answer with respect to the data; a fit to a noisy loop; and the largest load, from a cone program.
 #
 # So far we knew the data, such as stiffness, loads and friction bounds, and computed the answer. Now we know the
 # answer, or a part of it, and look for the data: which friction explains a measured loop? How large may the load
@@ -188,9 +187,9 @@ assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forwar
 # $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
 #   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$
 #
-# where $b_n$ is the derivative of $Q$ with respect to $y_n$. The matrix $T_n$ copies the displacements of nodes that
-# stick from step $n - 1$. The load of the block grows, falls to the opposite value and returns to zero, in 32 steps.
-# The quantity is the displacement of the left end after the last step; the parameters are the eight bounds.
+# where $b_n$ is the derivative of $Q$ with respect to $y_n$. For the nodes that stick, the matrix $T_n$ copies the
+# displacements of step $n - 1$. The load of the block grows, falls to the opposite value and returns to zero, in 32
+# steps. The quantity is the displacement of the left end after the last step; the parameters are the eight bounds.
 
 # %%
 times = np.linspace(0.0, 4.0, 33)
@@ -291,10 +290,10 @@ _noise = np.sqrt(np.sum((fit.values[left] - measured) ** 2) / (len(times) - 2))
 assert np.abs(fit.errors / (_noise * np.sqrt(np.diag(np.linalg.inv(_J.T @ _J)))) - 1).max() <= 1e-4
 
 # %% [markdown]
-# **A step is a convex program, but a fit is not.** With these data, a search from the bound 8 ends at another answer.
-# The standard errors of this answer are small, too, because they describe only a neighbourhood of the answer. But the
-# residuals are much larger than the noise of the measurement. So start the search from several parameters, and compare
-# the residuals with the noise.
+# **A step is a convex program, but a fit is not.** With these data, a search that starts at the bound 8 ends at another
+# answer. The standard errors of this answer are small, too, because they describe only a neighbourhood of the answer.
+# But the residuals are much larger than the noise of the measurement. So start the search from several parameters, and
+# compare the residuals with the noise.
 
 # %%
 elsewhere = fit_from([150.0, 8.0])
@@ -378,9 +377,10 @@ motion = balance.dual_value
 print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 
 # %% [markdown]
-# The multipliers of the balance are a rigid motion $\xi$, the failure: the plate rotates about a point of its axis.
+# The multipliers of the balance are the rigid motion $\xi$ in which the plate fails: a rotation about a point of its
+# axis.
 #
-# To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction among the
+# To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction over all
 # motions in which the push does the work 1:
 #
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$

@@ -26,8 +26,8 @@ import vemcvx as vx
 #
 # A finite element model of a body on a rough floor leads to the same program with a larger $K$.
 #
-# A conic program requires that vectors lie in *cones*. The objective of this program is linear or quadratic. To obtain
-# such an objective, we replace each absolute value by a variable $d_i$, a distance, and require
+# A conic program has a linear or quadratic objective, and requires that vectors lie in *cones*. We replace each
+# absolute value by a variable $d_i$, a distance, and require
 #
 # $$|u_i - u_{prev,i}| \le d_i .$$
 #
@@ -48,9 +48,9 @@ problem.solve(solver="CLARABEL")
 print("positions", np.round(u.value, 6) + 0.0)
 
 # %% [markdown]
-# **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 at each. The first spring carries the remaining
-# $1.2 - 0.5 = 0.7$, the second spring $0.7 - 0.5 = 0.2$. The friction of block 3 takes 0.2, and block 3 does not move.
-# So $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
+# **By hand.** Blocks 1 and 2 slide forward, and friction takes 0.5 at each block. The first spring carries the
+# remaining $1.2 - 0.5 = 0.7$, and the second spring carries $0.7 - 0.5 = 0.2$. The friction of block 3 takes 0.2, and
+# block 3 does not move. So $u_4 = u_3 = 0$, $u_2 = 0.2$ and $u_1 = 0.2 + 0.7 = 0.9$.
 #
 # How accurate is the solver? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$ of the
 # positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of
@@ -60,7 +60,7 @@ print("positions", np.round(u.value, 6) + 0.0)
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
 # where $\lambda_i$ is the force of friction in the solution. Here $\lambda_3 = 0.2$ and $\lambda_4 = 0$. So the
-# computed slip of block 3 is at most 1e-8/0.3, that of block 4 at most 1e-8/0.5.
+# computed slips of blocks 3 and 4 are at most 1e-8/0.3 and 1e-8/0.5.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])

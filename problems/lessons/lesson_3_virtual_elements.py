@@ -27,8 +27,8 @@ import vemcvx as vx
 # are harmonic inside and linear on every edge. The $2m$ vertex values determine a field. All linear fields belong to
 # the space, and the fields of two cells agree on a common edge. But we do not know $v$ inside the cell.
 #
-# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary. Let $n$ be the outward
-# unit normal. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the normal $n_i$, and let
+# By Gauss' theorem, the integral of a derivative over the cell is an integral over the boundary. On each edge $v$ is
+# linear. Let $n$ be the outward unit normal. Let the edge $e_i$ from $x_i$ to $x_{i+1}$ have the normal $n_i$, and let
 # $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$. Then
 #
 # $$\int_\omega \nabla v \,dx = \int_{\partial \omega} v \otimes n \,ds = \sum_i v_i \otimes N_i .$$
@@ -167,16 +167,16 @@ assert free_modes(by_hand) == 3
 assert free_modes(cell_stiffness(pentagon, *moduli, eta=0.0)) == 7
 
 # %% [markdown]
-# A square has three rigid motions (not drawn), three modes of constant strain, and two hourglasses with $\Pi v = 0$. In
-# the picture $\eta = \mu$. **Question:** which of the two terms of $a_\omega^h$ gives each mode its energy? What
-# happens to the eigenvalues if you increase $\eta$?
+# A square has three rigid motions (not drawn), three modes of constant strain, and two hourglass modes with
+# $\Pi v = 0$. In the picture $\eta = \mu$. **Question:** which of the two terms of $a_\omega^h$ gives each mode its
+# energy? What happens to the eigenvalues if you increase $\eta$?
 #
 # <details><summary>Answer</summary>
 #
 # The first term gives the energy of the modes of strain. These modes are linear fields, so $\Pi v = v$ and the second
-# term is zero. The second term gives the energy of the hourglasses: their mean strain is zero, so the first term is
-# zero, and $S_\omega(v, v) = \eta |v|^2$. The eigenvalues of both hourglasses are $\eta$, so they increase with $\eta$.
-# The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
+# term is zero. The second term gives the energy of the hourglass modes: their mean strain is zero, so the first term is
+# zero, and $S_\omega(v, v) = \eta |v|^2$. The eigenvalues of both hourglass modes are $\eta$, so they increase with
+# $\eta$. The eigenvalues of the three strains stay at $2\mu$, $2\mu$ and $2(\Lambda + \mu)$.
 #
 # </details>
 
@@ -251,7 +251,7 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # %% [markdown]
 # ## 4. Locking
 #
-# A cantilever, four long and one high, is clamped on the left. A downward force of 1 shears its right end. With the
+# A cantilever, four long and one high, is clamped on the left. A downward force of 1 acts on its right end. With the
 # vector $f$ of nodal loads, the mean deflection of the end is $f^T u$. For rubber, Poisson's ratio $\nu$ tends to
 # $\tfrac12$, and $\Lambda$ tends to infinity. Changes of area cost more and more energy. In the limit
 #

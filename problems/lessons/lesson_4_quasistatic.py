@@ -22,9 +22,10 @@ import vemcvx as vx
 #
 # $$a(u, v - \dot u) + j(v) - j(\dot u) \ge \langle \ell, v - \dot u \rangle .$$
 #
-# Here $a(u, v)$ is the elastic energy product ($v^T K u$ for vectors), $j$ measures friction ($\sum_i w_i |v_i|$), and
-# $\ell$ is the load ($f$). Backward Euler, (2.34), replaces $\dot u$ by $(u_n - u_{n-1})/k$. Here $u_n$ is the solution
-# after step $n$; in lessons 1 and 2, $u_{n-1}$ was $u_{prev}$. Friction has no time scale, because $j$ is a *seminorm*:
+# Here $a(u, v)$ is the elastic bilinear form ($v^T K u$ for vectors), $j$ measures friction ($\sum_i w_i |v_i|$), and
+# $\ell$ is the load ($f$ for vectors). Backward Euler, (2.34), replaces $\dot u$ by $(u_n - u_{n-1})/k$. Here $u_n$ is
+# the solution after step $n$; in lessons 1 and 2, $u_{n-1}$ was $u_{prev}$. Friction has no time scale, because $j$ is
+# a *seminorm*:
 #
 # $$j(v/k) = j(v)/k .$$
 #
@@ -67,7 +68,7 @@ print("the paths in 5 s and in 5e-12 s agree in all bits")
 #
 # We return to the slider of lesson 1, with stiffness $K$ and friction bound $w$. A step clips $u_{n-1}$ to the interval
 # from $(f_n - w)/K$ to $(f_n + w)/K$. Let the load grow to a peak $f_{\max}$, then fall to $-f_{\max}$, then grow to
-# $f_{\max}$ again. After each reversal the slider waits until the load has changed by $2w$. Between two reversals it
+# $f_{\max}$ again. After each reversal the slider rests until the load has changed by $2w$. Between two reversals it
 # travels $2(f_{\max} - w)/K$, always against the friction $w$. So friction takes the following energy in one closed
 # loop:
 #
@@ -99,9 +100,9 @@ assert abs(path[-1] - path[30]) < 1e-15, "the loop closes"
 print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}")
 
 # %% [markdown]
-# At $f = 0$ the slider is at $+w/K$ on the way down and at $-w/K$ on the way up. With friction the position is not a
-# function of the load. **Question:** on which parts of the loop does the slider rest, and where do you see the number
-# $2w$?
+# At $f = 0$ the slider is at $w/K$ if the load falls, and at $-w/K$ if the load rises. With friction the position is
+# not a function of the load. **Question:** on which parts of the loop does the slider rest, and where do you see the
+# number $2w$?
 #
 # <details><summary>Answer</summary>
 #
@@ -171,7 +172,8 @@ for _steps in (30, 60, 120):
 #
 # Now we pull the body of the paper's Section 4 to and fro, with half of the paper's friction bound. The body is
 # elastic, and each node of its lower side acts like a slider. The nodes do not start to slip at the same time, so the
-# sides of the loop are bent. The energy balance is the same. With the increments $s_n = u_n - u_{n-1}$,
+# sides of the loop are bent. The energy balance is the same. After $N$ steps from $u_0 = 0$, with
+# $s_n = u_n - u_{n-1}$,
 #
 # $$\sum_n \langle \ell_n, s_n \rangle = \tfrac12 a(u_N, u_N) + \sum_n j(s_n) + \sum_n \tfrac12 a(s_n, s_n),$$
 #
@@ -295,8 +297,8 @@ memory_picture()
 # %% [markdown]
 # ## Exercises
 #
-# 1. Pull the slider of section 2 to $f_{\max}$ and back to 0. Backward Euler uses the loads at the ends of steps only,
-#    and misses the peak if no step ends at the peak. How large can the error of the final position be?
+# 1. The load on the slider of section 2 grows to $f_{\max}$, and falls to 0. Backward Euler uses the loads at the ends
+#    of steps only, and misses the peak if no step ends at the peak. How large can the error of the final position be?
 # 2. If the load only grows, one step or a hundred steps bring a slider to the same place. Why? Does this also hold for
 #    the chain?
 # 3. Add a damper: $K u + c\,\dot u + \lambda = f$. How do section 1 and the energy balance change?

@@ -2,7 +2,7 @@
 """# Lesson 5, active sets and semismooth Newton: how they converge, how they cycle, and a safeguard"""
 
 # %% [markdown]
-# *You need:* lessons 1 and 2; Newton's method. *You will see:* how guesses of the sticking nodes solve a step;
+# *You need:* lessons 1 and 2; Newton's method. *You will see:* how to solve a step by guessing which nodes stick;
 # superlinear convergence in the plane; two blocks for which the guesses cycle for ever, and a safeguard against cycles.
 #
 # If we knew which nodes stick, and in which direction the others slip, a step would be one linear system. The method of
@@ -63,7 +63,7 @@ def active_sets(program, gamma, rounds=40):
 
 # %% [markdown]
 # Why does the iteration end with the solution? The last $u$ and $\lambda$ solve the linear system of the guess, so all
-# equations hold. The sets that follow from $u$ and $\lambda$ are the guess itself, so all inequalities hold.
+# equations hold. The sets that follow from $u$ and $\lambda$ equal the guess, so all inequalities hold.
 #
 # **A body.** We take the block of Feng, Han and Huang (Section 4) on squares, with 32 nodes on the ground. The package
 # keeps the program of every step. All other nodes are eliminated from this program, so $K$ is a full matrix for 32
@@ -250,7 +250,7 @@ print("large shift:", cycle[:5].astype(int).tolist(), "...; small shift:", posit
 # %% [markdown]
 # With a *small* shift, the next guess is that the second block sticks. The solution for the guess (back, forward) has
 # $\lambda_2 = 1$ and $s_2 = -1$. So the trial force is $\hat\lambda_2 = 1 - \gamma_2$, which lies within $\pm 1$ while
-# $\gamma_2 \le 2$. The package has the shift 0.1 divided by the flexibility. But a small shift does not guarantee
+# $\gamma_2 \le 2$. In the package the shift is 0.1 divided by the flexibility. But a small shift does not guarantee
 # convergence. We try 60 random programs.
 
 

@@ -5,8 +5,8 @@
 # *You need:* linear algebra, the dual of lesson 1. *You will see:* what a duality gap proves, why we need not trust a
 # solver, and what a gap cannot tell.
 #
-# Every answer of this package comes with a bound on its error. This lesson computes the bound in six lines. Then a
-# solver stops too early and reports "optimal".
+# Every answer of this package comes with a *certificate*, a bound on its error. This lesson computes the bound in six
+# lines. Then a solver stops too early and reports "optimal".
 #
 # One step of friction is the convex program
 #
@@ -120,16 +120,16 @@ print(f"certified / true error: {ratio[:8].mean():.0f} for small errors, {ratio[
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #
-# The gap is thus linear in the slip, whereas the squared error is quadratic. So for an error $\varepsilon$ the
-# certificate is of size $\sqrt\varepsilon$.
+# This bound is linear in the slip, but the squared error is quadratic. So for an error $\varepsilon$ the certificate is
+# of size $\sqrt\varepsilon$.
 #
 # **Question:** Two answers are equally far from $s^*$. Some nodes stick in the solution. In the first answer these
-# nodes stick, in the second answer they slip a little. Which answer has the better certificate? And why do active-set
+# nodes stick, in the second answer they slip a little. Which answer has the smaller certificate? And why do active-set
 # methods (lesson 5) reach certificates that are as small as rounding errors?
 #
 # <details><summary>Answer</summary>
 #
-# The first answer has the better certificate. Take the forces of the solution, $\lambda = \lambda^*$, and let the
+# The first answer has the smaller certificate. Take the forces of the solution, $\lambda = \lambda^*$, and let the
 # slipping nodes slip in the right direction. Then $w_i |s_i| = \lambda_i s_i$ at every node, and the gap is
 # $\tfrac12 r^TK^{-1}r$ with $r = K(s^* - s)$. This gap is *equal* to $\tfrac12 |s - s^*|_K^2$. In the second answer, a
 # node that sticks in the solution adds $(w_i - |\lambda_i|)\,|s_i|$. This term is much larger than $s_i^2$ if $s_i$ is

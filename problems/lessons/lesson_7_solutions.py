@@ -50,8 +50,8 @@ assert cells_across(0.01) ** 2 > 862 * 3.3**2
 
 # %% [markdown]
 # **2.** The zigzag has the slope 4 on both sides of its peaks. We choose steps of the length $k$ so that each reversal
-# is in the middle of a step. Then the instants next to a peak are $k/2$ away, and the run misses $4 \cdot k/2$ of the
-# peak. So the order is 1.
+# is in the middle of a step. Then the instants next to a peak are $k/2$ away, and the largest load of the run is too
+# small by $4 \cdot k/2$. So the order is 1.
 
 
 # %%

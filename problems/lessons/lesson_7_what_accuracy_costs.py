@@ -68,8 +68,8 @@ print(table, "\nnodes", {family: count.tolist() for family, count in nodes.items
 # The solution of this block is not smooth: the stress is singular where the clamp meets the free sides. So a tenth of
 # the error needs more than a hundred times as many cells.
 #
-# **Question:** With the same number of *cells* across, all families have nearly the same error. Which family has the
-# smallest error with the same number of *nodes*?
+# **Question:** With the same number of *cells* across, all three families of meshes have nearly the same error. Which
+# family has the smallest error with the same number of *nodes*?
 #
 # <details><summary>Answer</summary>
 #
@@ -222,11 +222,11 @@ _figure
 #
 # ## Exercises
 #
-# 1. Let $e_1$ be the error of squares of the size $h_1$. Fit $e = e_1 (h/h_1)^\alpha$ to the errors of squares of the
-#    size $h$. How many cells across do you need for one per cent? How many nodes do adaptive meshes need, if their
-#    error falls like one over the root of the number of nodes?
-# 2. Replace the sine by a zigzag of straight lines. With which power of $k$ does the error fall if the reversals are
-#    not hit? Derive it first.
+# 1. Fit $C h^\alpha$, with constants $C$ and $\alpha$, to the errors of squares of the size $h$. How many cells across
+#    do you need for one per cent? How many nodes does an adaptive mesh need, if the error with $N$ nodes falls like
+#    $1/\sqrt N$?
+# 2. Replace the sine by a zigzag of straight lines. Derive the power of $k$ with which the error falls if the instants
+#    do not hit the reversals. Then test the result.
 # 3. Take a smooth solution without friction, with a closed form. Which order do you get now?
 # 4. In a model, the errors of mesh and steps are $e_h = C_h h$ and $e_k = C_k k$, and the cost is $h^{-2} k^{-1}$.
 #    Which $e_h$ and $e_k$ have the smallest cost for a given sum? Should both errors be equal?

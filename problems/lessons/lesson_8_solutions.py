@@ -65,9 +65,9 @@ for _normal in (0.0, 100.0):
 
 # %% [markdown]
 # **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring term and a load term, and the package has an
-# effect for each term. The bar has the modulus $M$ of uniaxial strain. If its left end moves by $U$,
-# $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of $U$
-# contains no rate, so the answer is exact on every mesh and for every step.
+# effect for each term. The bar has the modulus $M$ of uniaxial strain. Let $U$ be the displacement of its left end.
+# Then $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of
+# $U$ contains no rate, so the answer is exact on every mesh and for every step.
 
 
 # %%
@@ -127,7 +127,7 @@ assert abs(ratios[-1] - 4) < 0.05
 # %% [markdown]
 # **4.** A step would minimise
 # $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
-# squared positive part is convex, so there is one minimiser, and a gap certifies it. The package has this term,
+# squared positive part is convex, so there is one minimiser, and a gap certifies an answer. The package has this term,
 # `vx.Limits(compliance=1/c, rates=True)`, and the effect `vx.VelocityContact` contributes this term. We compute one
 # degree of freedom by hand:
 

@@ -48,9 +48,9 @@ assert 0 < np.count_nonzero(step.answer.d) < len(f)
 #
 # $$\max_{|\lambda_i| \le w_i}\; D(\lambda) = -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) .$$
 #
-# So $\lambda$ is **the point of the box $|\lambda_i| \le w_i$ that is nearest to $f$**, where distances are measured by
-# the flexibility $K^{-1}$. If $f$ lies in the box, friction carries the whole load, and nothing moves. Otherwise the
-# rest $f - \lambda$ moves the body.
+# So $\lambda$ is **the point of the box $|\lambda_i| \le w_i$ that is nearest to $f$** in the norm of the flexibility
+# $K^{-1}$. If $f$ lies in the box, friction carries the whole load, and nothing moves. Otherwise the rest $f - \lambda$
+# moves the body.
 #
 # The dual has no kinks and no displacements. In cvxpy the dual takes three lines.
 
@@ -271,12 +271,13 @@ _figure
 #
 # ## Exercises
 #
-# 1. By which factor can you scale $f$ until the first node slips? Derive the factor from the dual, and check it with
-#    `march`.
+# 1. By which factor can you scale $f$ until the first node slips? Derive the factor from the dual, and check the factor
+#    with `march`.
 # 2. A one-sided wall, $s_i \le e_i$, has the multiplier $p_i \ge 0$. Derive the dual of $\min \tfrac12 s^TKs - f^Ts$
-#    subject to $s \le e$. Solve it by projected gradients for $p$, and compare with `vx.Limits`.
-# 3. Refine the mesh: how do $q$ and the number of iterations for a gap of $10^{-6}$ grow with $n$, with and without
-#    acceleration?
+#    subject to $s \le e$. Solve the dual by projected gradients for $p$, and compare the answer with the answer for
+#    `vx.Limits`.
+# 3. Refine the mesh: how do $q$ and the number of iterations for a gap of $10^{-6}$ grow with the number $n$ of cells
+#    across, with and without acceleration?
 # 4. Show that $D$ is strictly concave, so the forces are unique. If two friction terms act on one node, $B$ has two
 #    equal rows. Which part of this statement remains true?
 #

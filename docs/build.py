@@ -27,7 +27,7 @@ ROOT = HERE.parent
 START = time.perf_counter()
 TEXTS = "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"
 PROCESSES = 2
-"""Number of kernels, and number of processes of Sphinx."""
+"""Number of Jupyter kernels, and of Sphinx's processes."""
 
 
 def report(task: str) -> None:

@@ -16,7 +16,7 @@ MADE_LATER = "search.html", "genindex.html"
 
 
 def find_faults(site: Path) -> list[str]:
-    """Return the faults of all pages and styles, one string for each."""
+    """Return the faults of all pages and styles, one string per fault."""
     found = []
     for path in sorted((*site.rglob("*.html"), *site.rglob("*.css"))):
         text = path.read_text(encoding="utf-8")

@@ -17,7 +17,7 @@ NO_PROBLEMS = "gallery", "live_page"  # files that are not problems
 GROUP = re.compile(r"^```\{problems\}\n(.*?)```\n", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^ {4}((?:vemcvx|python) .*)$", re.MULTILINE)
 IMPORT = re.compile(r"^ *(?:import (\w+)(?: as (\w+))?|from (\w+) import (\w+))", re.MULTILINE)
-LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # live pages and their first steps
+LIVE = {"feng_han_huang": 30, "frictional_hysteresis": 20}  # live pages, and the step that each page shows first
 PICTURES = {"paper_figures": tuple(f"paper_figure_{name}" for name in ("1", "2_unit", "2_shear", "3", "4"))}
 STEP_BY_STEP = """## Step by step
 

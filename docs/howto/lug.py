@@ -1,4 +1,4 @@
-"""A lug of aluminium with a bush of steel pressed into its hole, pulled by a pin.
+"""A pin pulls at a steel bush that is pressed into the hole of an aluminium lug.
 
 The lug is clamped at its left end. The radius of the bush is 0.01 mm larger than the radius of the hole. A pin in the
 bush pulls to the right, up to 8 kN at t = 1. The model is the upper half of the lug, 10 mm thick, in plane stress.

@@ -30,7 +30,7 @@ class Case:
 
 
 def sheared():
-    """Return a block clamped at its foot, with parabolic shear and tension at its head."""
+    """Return a block that is clamped at its foot, and loaded at its head by parabolic shear and tension."""
 
     def pull(x, t):
         s = x[:, 0] * (1 - x[:, 0])
@@ -57,7 +57,7 @@ def cantilever():
 BLOCKS = {"block": (paper_scene, 256), "sheared": (sheared, 192), "heavy": (heavy, 192)}
 SQUARES = ((8, 8), (16, 16), (32, 4), (64, 4), (128, 4), (256, 8), (200, 2))
 CELLS = {1: 12, 4: 6, 16: 4}
-"""Aspect -> number of cells across the short side of the box."""
+"""Aspect ratio -> number of cells across the short side of the box."""
 
 
 def squares(nx: int, ny: int, length: float = 1.0):

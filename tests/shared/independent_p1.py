@@ -350,7 +350,7 @@ class Result:
     lam: np.ndarray
     pressures: np.ndarray
     forces: np.ndarray
-    """nodal forces of supports, obstacles and friction on the body, K u + C u' - f"""
+    """nodal forces on the body from supports, obstacles and friction, K u + C u' - f"""
     energy: np.ndarray
     dissipated: np.ndarray
     work: np.ndarray

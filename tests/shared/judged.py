@@ -24,7 +24,7 @@ CONSISTENT = 1e-11
 EXACT = 2.0**-160
 """Relative error of the distances that :mod:`exact_steps` returns."""
 UPPER = 1 + 1e-9
-"""Factor for the rounding of bounds and errors in doubles."""
+"""Factor that allows for rounding of bounds and errors."""
 
 
 @dataclass

@@ -106,7 +106,7 @@ def join(rng, soft, joint, other, *, free, coulomb):
 
 
 def contact_forces(result, other):
-    """Return nodal forces (instants, nodes, 2) of contact and friction. At a joint they act on the first body."""
+    """Return nodal forces (instants, nodes, 2) of contact and friction. At a joint they act on the body below."""
     found = np.zeros_like(result.forces)
     for parts, values, sign in (
         ([wall[0] for wall in other.obstacles], result.pressures, -1.0),

@@ -1,4 +1,4 @@
-"""Two bodies of tetrahedra against an independent program (scikit-fem, cvxpy, Clarabel) and against GetFEM.
+"""Two bodies of tetrahedra are compared with an independent program (scikit-fem, cvxpy, Clarabel) and with GetFEM.
 
 On tetrahedra, virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
 the joint exists twice. The weight of a node is a third of the area of its triangles. The lower body is clamped, the

@@ -1,4 +1,4 @@
-"""Bodies of revolution against independent linear triangles, and against plane strain far from the axis."""
+"""Bodies of revolution are compared with independent linear triangles and, far from the axis, with plane strain."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
 TOP = 1_695
 """Largest number of lines of top modules and `base`, without the canvas, which belongs to the plots."""
 TESTS = 18_089
-"""Largest number of lines of the tests of the folders in `LINES`."""
+"""Largest number of lines of tests for the folders in `LINES`."""
 ALL_TESTS = 28_000
 """Largest number of lines of all tests."""
 PACKAGE = 33_400

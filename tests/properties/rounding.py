@@ -1,8 +1,8 @@
 """Tolerances of all properties, derived from rounding.
 
-Let K be a sum of positive semidefinite matrices. By Cauchy and Schwarz, applied to each summand and to the sum, the
-absolute values of entries (i, j) of all summands add up to at most M_ij = sqrt(K_ii K_jj). So the rounding errors of
-entries, of products K y and of their sums are at most a small multiple of eps M|y|, even if entries cancel.
+Let K be a sum of positive semidefinite matrices. By Cauchy and Schwarz, the absolute values of entries (i, j) of all
+summands add up to at most M_ij = sqrt(K_ii K_jj). So the rounding errors of entries, of products K y and of their sums
+are at most a small multiple of eps M|y|, even if entries cancel.
 """
 
 from __future__ import annotations

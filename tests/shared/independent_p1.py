@@ -1,7 +1,7 @@
 """Frictional contact on linear triangles, implemented independently with scikit-fem, cvxpy and Clarabel.
 
 This module does not use the package. Let n_j be outward normals, and let the tangents t_i be normals rotated by +90
-degrees. A step of backward Euler is the convex program of all nodal displacements u,
+degrees. A step of backward Euler is a convex program in all nodal displacements u,
 
     minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w_i |s_i|,   s_i = t_i.(u - u_prev),
               + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
@@ -112,7 +112,7 @@ class Body:
         self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
         self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
         self.n = len(self.points)
-        # Positions of the two components of each node in vectors of scikit-fem.
+        # Positions of the two components at each node in scikit-fem's vectors.
         self.order = self.basis.nodal_dofs.T.ravel()
         self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
         low, high = self.points.min(axis=0), self.points.max(axis=0)

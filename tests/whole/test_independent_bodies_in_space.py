@@ -3,8 +3,8 @@
 On tetrahedra, virtual elements are linear elements. Both bodies have the same triangles at the joint, so every node of
 the joint exists twice. The weight of a node is a third of the area of its triangles. The lower body is clamped, the
 upper body is moved. The independent program has a moving gap and Tresca's friction. GetFEM has Coulomb's friction
-between nodes, and applies Newton's method to an augmented Lagrangian. The Debian package
-python3-getfem may be installed for the system's Python only.
+between nodes, and applies Newton's method to an augmented Lagrangian. The Debian package python3-getfem serves the
+system's Python only.
 """
 
 from __future__ import annotations

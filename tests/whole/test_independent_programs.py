@@ -35,7 +35,7 @@ def move(value, on="top"):
 
 
 def pull(size=8.0, lift=-0.1):
-    """Return a traction on the left that reverses twice in the unit of time."""
+    """Return a traction on the left that reverses twice per unit of time."""
 
     def force(x, y, t):
         return size * np.sin(7 * t) * (0.75 + 0.5 * y), lift * size * t + 0 * x
@@ -139,7 +139,7 @@ def guide_down():
 
 
 def guide_along():
-    """Return a motion along the tangent of the top, which points to the left."""
+    """Return a motion along the tangent of the top. This tangent points to the left."""
 
     def along(x, y, t):
         return 0.02 * np.sin(6 * t)

@@ -1,7 +1,7 @@
 """HiGHS 1.15.1 reports "Optimal" at x = 0 with the value 0; the least value is -13/12.
 
-This file needs only highspy. The .mps file of the same name states one step with friction. The objective is a quadratic
-function of two displacements d plus t1 + t2, where -t <= d <= t. These constraints imply t >= 0. If the file also
+This file needs only highspy. The .mps file of the same name states one step with friction. The objective is t1 + t2
+plus a quadratic function of two displacements d, where -t <= d <= t. These constraints imply t >= 0. If the file also
 states t >= 0, HiGHS 1.15.1 finds the minimum. HiGHS 1.16.0 also finds the minimum without this bound.
 """
 

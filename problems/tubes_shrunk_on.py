@@ -100,7 +100,7 @@ def picture(history):
     graph.plot(r[cells], radial[cells], "C0o", label=r"$\sigma_r$")
     graph.plot(r[cells], hoop[cells], "C1s", label=r"$\sigma_\theta$")
     graph.set(xlabel="radius (mm)", ylabel="stress (MPa)")
-    graph.set_title("marks: cells about 45 degrees; lines: Lame 1852", fontsize="small")
+    graph.set_title("marks: cells near 45 degrees; lines: Lame 1852", fontsize="small")
     graph.grid()
     graph.legend()
     return figure

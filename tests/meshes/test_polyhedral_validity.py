@@ -1,4 +1,4 @@
-"""Meshes of users in space: faults that are refused or corrected, and valid meshes of unusual shape."""
+"""Meshes of polyhedra that users give: faults are refused or corrected, and unusual shapes are valid."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def test_displacements_dissipation_and_tractions_are_exact(family):
     assert np.abs(history.displacement - exact).max() < 1e-10 * patch.AMPLITUDE
     loss = np.append(0.0, patch.BOUND * patch.LENGTH * np.cumsum(np.abs(np.diff(a))))
     assert np.abs(history.dissipated - loss).max() < 1e-10 * loss[-1]
-    # A closed loop begins and ends at the first turning point, at t = 1 and t = 5.
+    # The loop from t = 1 to t = 5 is closed.
     slip = patch.AMPLITUDE - patch.BOUND * patch.HEIGHT / patch.MU
     assert loss[20] - loss[4] == pytest.approx(4 * patch.BOUND * patch.LENGTH * slip, rel=1e-10)
     slips = np.append(False, np.abs(np.diff(a)) > 1e-12 * patch.AMPLITUDE)

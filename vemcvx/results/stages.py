@@ -41,7 +41,7 @@ def join(stages: Sequence[Results]) -> Results:
     each = np.array([stage.contact.friction_lengths for stage in stages])
     contact["friction_lengths"] = rubbing = each.max(axis=0)
     if ((each > 0) & (each != rubbing)).any():
-        raise HistoryError("joined: friction at the ends of the contact boundary acts on other edges in some stages.")
+        raise HistoryError("joined: in some stages, friction does not act on the same edges as in others.")
     solver, linear = (" / ".join(dict.fromkeys(getattr(run, name) for run in runs)) for name in ("solver", "linear"))
     seconds = {name: sum(stage.seconds[name] for stage in stages) for name in first.seconds}
     held = [stage.sides and stage.sides.held.tolist() for stage in stages]

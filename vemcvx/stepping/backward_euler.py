@@ -387,7 +387,7 @@ class Balanced:
 
 @dataclass(frozen=True, eq=False)
 class Continued:
-    """The end of another run: the unknowns y (n,), the losses and slips `past`, and the work."""
+    """The last state of another run."""
 
     y: Floats
     past: Ledger

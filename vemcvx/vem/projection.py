@@ -170,7 +170,6 @@ class CellGroup:
     points: Floats
 
     FREE: ClassVar[float | tuple[float, float]] = 1.0
-    """Factor for subtracting a translation in `strains`: 0 in the radial direction, else 1."""
 
     @cached_property
     def corners(self) -> Floats:

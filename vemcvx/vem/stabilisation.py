@@ -130,7 +130,7 @@ def _require_positive(stable: Floats, name: str) -> None:
     if ((least < -ROUNDING * largest) | (first <= ROUNDING * largest)).any():
         raise SceneError(
             f"{name}: found a cell with {n} vertices where some v - Pi v has no positive energy; by (2.9) every motion "
-            "that is not linear needs one, for example by a fraction of mu times the identity."
+            "that is not linear needs positive energy, for example a fraction of mu times the identity."
         )
 
 

@@ -39,7 +39,7 @@ GEOMETRY = [
     (TWO, [*BOTH, BOTH[0]], "cells 0 and 2 overlap near"),
     (*make_spiral_stair(), "overlap"),
     ([(0, 0), (1, 0), (0, 1), (0.14, 0.14), (-0.14, 0.14)], [[0, 1, 2], [0, 3, 4]], "overlap"),
-    # Only the left square has node 6 on the common side. The right square has node 7 instead, off by 1e-9, or no node.
+    # Only the left square has node 6 on the common side. The right square has no node there, or a node 1e-9 away.
     ([*TWO, (1, 0.5)], [NOTCHED[0], BOTH[1]], "cells 0 and 1 .* do not fit together there: .* hanging nodes included"),
     ([*TWO, (1, 0.5), (1 + 1e-9, 0.5)], NOTCHED, "cells 0 and 1 .* do not fit together there: .* a gap narrower than"),
     ([*TWO, (1, 0.5), (1 - 1e-9, 0.5)], NOTCHED, "overlap"),

@@ -33,7 +33,7 @@ OPTIONS = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "-1",  # dropping weak couplings would fill coarse matrices
+    "pc_gamg_threshold": "-1",  # with other thresholds, coarse matrices have more entries
     "mg_coarse_pc_type": "redundant",  # with one block per rank, eigenvalues of M K may exceed 1
     "mg_coarse_redundant_pc_type": "svd",  # some coarse unknowns may have no stiffness
 }

@@ -57,12 +57,12 @@ class Results(ActingForces):
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
-    growth: dict[str, str] | None = None  # key of an extreme -> growth in words
+    growth: dict[str, str] | None = None  # as in `extremes`
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
     bounded_force: dict[str, int] | None = None  # boundary and axis of `force_bounds`, such as {"top": 0}
-    stabilisation: Stabilisation | None = None  # None for a user-defined class after reading
+    stabilisation: Stabilisation | None = None
     units: dict[str, str] | None = None
 
     @property

@@ -95,8 +95,8 @@ class Solver(ABC):
         Parameters
         ----------
         operators : Operators
-            The scaled matrices K, B, D and compliances of all steps; `operators.factor` is the factor of K. A dense K
-            is condensed to the unknowns on which norm terms or limits act.
+            The scaled matrices K, B, D and compliances of all steps; `operators.factor` is the factor of K. K is
+            dense if it contains only the unknowns of norm terms and limits.
 
         Returns
         -------

@@ -41,8 +41,8 @@ def check_polyhedral_mesh(
     if turn.any():
         mended = np.unique(cell_of_corner(listed.cell_offsets)[turn])
         notes.append(
-            f"{len(mended)} of {len(listed.cell_offsets) - 1} cells had faces that did not run outwards, "
-            f"counter-clockwise seen from outside (the first is cell {mended[0]}); they have been reversed."
+            f"{len(mended)} of {len(listed.cell_offsets) - 1} cells had faces with clockwise vertices, "
+            f"seen from outside (the first is cell {mended[0]}); these faces have been reversed."
         )
     outwards = reverse_rows(listed.offsets, listed.vertices, turn)
     faces = polyhedra.join_faces(listed.offsets, outwards, listed.cell_offsets)
@@ -179,7 +179,7 @@ def _check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceSh
         )
         raise MeshError(
             f"{first} and {second} lie on one another. Two cells must meet in whole "
-            "faces of both: split the larger face into the faces of its neighbours, and insert a node on an edge into "
+            "faces of both: split the larger face into the faces of its neighbours. A node on an edge belongs to "
             "every face with this edge. If the cells overlap, correct the vertices."
         )
     try:

@@ -112,7 +112,7 @@ def test_cells_that_cross_or_touch_themselves_or_have_no_inside_are_refused():
 def test_faces_that_run_inwards_are_reversed_with_a_warning(reversed_faces):
     cells = [[face[::-1] if k in reversed_faces else face for k, face in enumerate(FACES)], RIGHT]
     with pytest.warns(
-        vx.MeshWarning, match=r"1 of 2 cells had faces that did not run outwards.*the first is cell 0"
+        vx.MeshWarning, match=r"1 of 2 cells had faces with clockwise vertices.*the first is cell 0"
     ) as caught:
         mesh = PolyhedralMesh([*CUBE, *NEXT], cells)
     assert caught[0].filename == __file__

@@ -11,7 +11,7 @@ from pathlib import Path
 # On two cores, two test processes with two BLAS threads each would slow each other down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Background jobs of a shell ignore these signals, and so would processes that tests start.
+# Background jobs of a shell ignore SIGINT and SIGHUP, and so would processes that tests start.
 if sys.platform != "win32":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -68,7 +68,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark long tests also `slow`, and tests of files outside `LONGER` that are not slow `quick`.
+    """Add the mark `slow` to long tests. Tests outside `LONGER` without the mark `slow` become `quick`.
 
     A test marked `long` may have cases marked `slow`. These cases lose the mark `long`.
     """
@@ -82,7 +82,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Enable the garbage collector again: tests run with it, like the programs of users."""
+    """Enable the garbage collector again."""
     gc.enable()
 
 

@@ -52,7 +52,7 @@ def program(body: str, n: int, **given: object) -> str:
 
 
 def measure_paper(n: int) -> list[Row]:
-    """Measure the paper's reference run (h = k = 1/n) against one factorisation and one solve of the same matrix."""
+    """Measure the paper's reference run (h = k = 1/n) against one factorisation and one solve of its matrix."""
     newton = {
         name: program(SIMULATE, n, steps=n, solver="vx.Newton(accuracy=1e-8)", linear=text)
         for name, text in LINEAR.items()
@@ -87,7 +87,7 @@ def measure_paper(n: int) -> list[Row]:
 
 
 def measure_space(n: int, steps: int = 16) -> list[Row]:
-    """Measure a block of n x n x n cubes against one factorisation and one solve of the same matrix."""
+    """Measure a block of n x n x n cubes against one factorisation and one solve of its matrix."""
     given = {"scene": "BLOCK", "family": "cubes"}
     solvers = {"PARDISO": "vx.Pardiso()", "SuperLU": "vx.SuperLU()"}
     newton = {

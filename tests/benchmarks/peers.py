@@ -2,8 +2,8 @@
 
 python tests/benchmarks/peers.py [--siconos 12 20 32] [--steps 4] [--python /usr/bin/python3]
 
-A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. The mesh has n x n x n/4 cubes of
-six tetrahedra. The top of the block moves down, tilts and moves sideways. Times are CPU seconds.
+A block of 1 x 1 x 1/4 with E = 200 and nu = .3 lies on a rigid floor with mu = .3. The mesh has n x n x n/4 cubes,
+each cut into six tetrahedra. The top of the block moves down, tilts and moves sideways. Times are CPU seconds.
 
 Siconos (Debian: python3-siconos) computes contact forces r in Coulomb's cones and relative displacements u = W r + q,
 with the flexibility W and the displacements q without contact. Nonsmooth Gauss-Seidel (NSGS) starts from the forces of

@@ -30,7 +30,7 @@ def grid(n: int, kind: type[skfem.Mesh]) -> skfem.Mesh:
 
 
 def time_user_step(n: int) -> float:
-    """Return the solver seconds of one step on all unknowns with scikit-fem and cvxpy."""
+    """Return the solver's seconds for one step, written with scikit-fem and cvxpy."""
     K, basis = assemble_elasticity(grid(n, skfem.MeshQuad))
     x = basis.doflocs
     left = skfem.FacetBasis(basis.mesh, basis.elem, facets=basis.mesh.facets_satisfying(lambda x: x[0] == 0.0))

@@ -1,4 +1,4 @@
-"""Bounds on linear quantities enclose exact values, from closed forms or from much finer meshes."""
+"""Bounds on linear quantities enclose exact values."""
 
 from __future__ import annotations
 

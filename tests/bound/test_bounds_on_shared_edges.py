@@ -1,4 +1,4 @@
-"""Bounds where several effects share an edge: inclined supports, friction and obstacles.
+"""Error bounds if several effects share an edge: inclined supports, friction and obstacles.
 
 The top of a block is clamped. Constant tractions on the other sides cause the displacement u = (1 - y) b, with a vector
 b. Virtual elements are exact for this displacement, so the bound is zero to rounding.
@@ -29,7 +29,7 @@ def grows(*force):
 @mostly_long("angle", [20.0, 70.0, 40.0, 50.0])
 def test_the_bound_of_an_inclined_support_with_friction_and_an_obstacle_is_zero(angle):
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    # The support holds the direction (c, s). The bottom slides at right angles to (c, s), down to the obstacle.
+    # The support prevents motions along (c, s). The bottom slides at right angles to (c, s), down to the obstacle.
     b = np.array([GAP * s / c, -GAP])
     lift = (YOUNG * b[1] - PRESSURE) - (SHEAR * b[0] + BOUND) * s / c
     found = bounded(

@@ -60,7 +60,7 @@ RUBS = vx.TrescaFriction(lambda x, t: 60.0 * ((x[:, 0] > 0.28) & (x[:, 0] < 0.47
 
 @pytest.mark.slow
 def test_friction_that_is_zero_at_nodes_is_in_the_bound():
-    """With nodes in the friction zone, the left side moves by .02994."""
+    """On a mesh with nodes in the friction zone, the left side moves by .02994."""
     push = vx.Traction(lambda x, t: (8.0 * t, 0.0), on="left")
     history = run(STEEL, vx.Clamp(on="right"), push, vx.BilateralContact(on="bottom"), RUBS)
     assert history.inactive

@@ -107,7 +107,7 @@ def test_the_true_error_is_the_distance_from_the_optimum(program):
 
 @mostly_long("status", ["infeasible", "unbounded", "infeasible_inaccurate"])
 def test_a_wrong_status_counts_as_an_infinite_error(program, status):
-    """A wrong status counts even with the exact optimum. An instance without optimum is judged by the status alone."""
+    """An instance without optimum is judged by the status alone."""
     ask = [lambda *_: (0.5, program.answer, status)]
     assert measure(ask, [program], 1e-3)["true"] == math.inf
     plain = StepProgram(program.operators, *program.data)
@@ -117,7 +117,7 @@ def test_a_wrong_status_counts_as_an_infinite_error(program, status):
 
 @pytest.mark.long
 def test_the_error_of_a_sequence_is_that_of_its_worst_step(program):
-    """Errors are .03 and .02 in steps 1 and 2, and the optima have the norms 1 and 2, in units of |d*|_K."""
+    """With the first optimum d*, the errors are .03 |d*| and .02 |d*|, and the second optimum is 2 d*."""
     second = replace(program, g=2.0 * program.g, answer=replace(program.answer, d=2.0 * program.answer.d))
     starts = []
 

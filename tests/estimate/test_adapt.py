@@ -121,7 +121,6 @@ def test_every_requested_instant_is_stored():
 
 @pytest.mark.slow
 def test_adaptive_meshes_need_fewer_unknowns():
-    """The study of `problems/adaptive_meshes.py` runs on coarser meshes."""
     import adaptive_meshes
 
     paper, bracket = adaptive_meshes.run_studies((16, 32, 64, 128))

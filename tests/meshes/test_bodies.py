@@ -131,7 +131,7 @@ def test_interfaces_meet_in_crosspoints():
 
 
 def test_two_polygons_of_one_circle_take_the_shape_of_the_first():
-    """A hub of n = 12 sides and a tyre of 60 sides meet at the unit circle. The distance is at most 1 - cos(pi / n)."""
+    """A hub of n = 12 sides and a tyre of 60 sides meet at the unit circle. The gap is at most 1 - cos(pi / n)."""
     sides, apart = 12, 1.0 - np.cos(np.pi / 12)
     hub, tyre = ring([0.3, 0.6, 1.0], sides), ring([1.0, 1.5, 2.0], 60, angles=(0.01, 0.01 + 2 * np.pi))
     mesh = bodies({"hub": hub, "tyre": tyre}, tolerance=1.01 * apart)

@@ -138,7 +138,7 @@ def test_a_deck_may_use_every_spelling(read_text):
 
 
 def test_instances_are_bodies_after_translation_and_rotation(read_text):
-    """Place one part twice. The second instance is moved up by 1, and rotated about the middle by 90 degrees."""
+    """Place one part twice. The second instance is moved up by 1, and rotated about its centre by 90 degrees."""
     mesh = read_text(".inp", TWICE, bodies="physical")
     np.testing.assert_allclose(mesh.centroids, [(0.5, 0.5), (0.5, 1.5)], rtol=1e-15)
     assert {name: of.bodies for name, of in mesh.interfaces.items()} == {"roof": ("low", "high")}

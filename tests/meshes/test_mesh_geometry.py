@@ -31,7 +31,6 @@ def test_polygons_have_the_areas_centroids_and_diameters_of_closed_forms(offset)
         mesh = PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(sides)])
         assert mesh.areas[0] == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-14)
         np.testing.assert_allclose(mesh.centroids[0], 0.0, atol=1e-15)
-        # The longest diagonal ends at an opposite vertex.
         assert mesh.h == pytest.approx(2 * np.cos(np.pi / (2 * sides)) if sides % 2 else 2.0, rel=1e-15)
 
 

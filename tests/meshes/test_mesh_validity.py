@@ -1,4 +1,4 @@
-"""Meshes of users in the plane: faults that are refused or corrected, and valid meshes of unusual shape."""
+"""Plane meshes: faults that are refused or corrected, and valid meshes of unusual shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes of polyhedra that users give: faults are refused or corrected, and unusual shapes are valid."""
+"""Meshes of polyhedra: faults that are refused or corrected, and valid meshes of unusual shape."""
 
 from __future__ import annotations
 

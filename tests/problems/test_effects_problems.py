@@ -17,7 +17,7 @@ def test_a_heated_bar_expands_from_its_ends_and_comes_half_way_back():
     mesh = history.mesh
     end = history.displacement[:, mesh.points[:, 0] == bar.LENGTH, 0].mean(axis=1)
     assert end[[8, 16, 24]] == pytest.approx(bar.end_displacement(), rel=0.005)
-    # The second heating brings the end of the bar to the same place.
+    # The end of the bar is at the same place after both heatings.
     assert end[24] == pytest.approx(end[8], rel=1e-9)
     assert history.dissipated[8] == pytest.approx(bar.first_dissipation(), rel=0.01)
     locked = mesh.centroids[:, 0] < bar.LENGTH - bar.slip_length() - 2 * bar.HEIGHT

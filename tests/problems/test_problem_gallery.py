@@ -244,7 +244,6 @@ def test_a_column_and_its_layer_are_compressed_in_series(family):
 
 @pytest.mark.long
 def test_a_rigid_punch_tilts():
-    """Rotation and pressure are within the error that infinite pressures at the edges cause."""
     history = run_small(punch)
     tilts, exact = punch.tilt(history), punch.turn(history.times)
     assert tilts[:3] == pytest.approx(np.zeros(3), abs=1e-9 * np.abs(tilts).max())

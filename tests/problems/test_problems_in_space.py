@@ -60,7 +60,6 @@ def test_a_turn_of_the_play_operator_dissipates_the_closed_form():
 
 @pytest.mark.long
 def test_friction_opposes_the_motion_along_a_curve():
-    """The force deviates from the closed form because the lag of the sole behind the plate changes within a step."""
     history = simulate(curve, 1, 32)
     contact, force = history.contact, curve.sole_friction(history)[1:]
     assert (contact.slip_count[1:] == len(contact.nodes)).all()
@@ -191,7 +190,6 @@ def test_a_bolted_lap_joint_slips_at_mu_times_its_normal_force(friction):
 @pytest.mark.long
 @pytest.mark.parametrize(("n", "target"), [(16, 0.2), pytest.param(24, 0.17, marks=pytest.mark.slow)])
 def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
-    """The compared mesh of equal cubes has a larger true error."""
     found = bracket.adapt(target)
     equal = vx.simulate(bracket.scene(), bracket.mesh(n), bracket.times(1))
     assert bracket.relative_error(found) < min(target, bracket.relative_error(equal))

@@ -1,4 +1,4 @@
-"""Relative errors of states without energy, and for extreme units and loads."""
+"""Relative errors for states without energy, extreme units and extreme loads."""
 
 import numpy as np
 import pytest

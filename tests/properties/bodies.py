@@ -94,7 +94,7 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
 
     - Elastic forces A u and loads f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy
       norm.
-    - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible in both programs. With loss = sum
+    - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible for both bodies. With loss = sum
       w|s|, the gap grows by 2 kappa eps loss, and the error in the energy norm by sqrt(4 kappa eps loss).
 
     Steps do not enlarge earlier errors, so all errors add up.

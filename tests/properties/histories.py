@@ -94,7 +94,7 @@ def solvers_agree(case):
 
 @for_all(setting=settings_of_scenes(moving=True), which=st.sampled_from("NNC"))
 def ledger_closes(setting, which):
-    """Dissipation grows. Within the certificates, work - dE - loss = sum 1/2 a(du, du).
+    """Dissipation grows. Up to certified errors, work - dE - loss = sum 1/2 a(du, du).
 
     Here dE is the change of the energy, and a(du, du) = du'K du. A step has the load f, the increment du of the state
     y, the slips s = B du with bounds w, multipliers lam, and the residual r = f - B'lam - K y. So the work is dE + 1/2

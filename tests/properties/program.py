@@ -91,11 +91,11 @@ def no_competitor_is_better(case, size, seed):
 
 @for_all(case=cases(), poor=POOR, size=exponents(-6, 1), seed=SEEDS)
 def certificates_bound_the_true_error(case, poor, size, seed):
-    """From one state, a poor answer and Newton's sharp answer differ by at most the sum of both certified errors.
+    """A poor answer and Newton's sharp answer to a step differ by at most the sum of both certified errors.
 
-    Random increments c with Newton's multipliers are certified, too. If c has the active sets of d*, the gap at c is
-    exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails. `known` bounds the rounding error of
-    the residual in the energy norm.
+    Random increments c with Newton's multipliers are certified, too. If c has the active sets of the exact d*, the gap
+    at c is exactly 1/2 |c - d*|_K^2, so a certificate that is slightly too small fails. `known` bounds the rounding
+    error of the residual in the energy norm.
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)
     shape = (len(case.weights[0]), case.block)

@@ -1,4 +1,4 @@
-"""Random scenes with all effects, supports and settings, for tests of certificates and error estimates.
+"""Random scenes for tests of certificates and error estimates.
 
 ``draw(seed)`` returns a scene on a small mesh, instants, a solver and settings. Equal seeds give equal scenes.
 ``draw_two_bodies(seed)`` replaces the ground by a second body.
@@ -50,7 +50,7 @@ class Drawn:
 
 @dataclass
 class _Course:
-    """A factor that depends on time, linear between the instants of a run."""
+    """A function of time that is linear between the instants of a run."""
 
     times: np.ndarray
     values: np.ndarray
@@ -64,7 +64,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.seed, self.rng = seed, np.random.default_rng([seed, 20])
-        self.belts = np.random.default_rng([seed, 42])  # A second generator leaves all other draws unchanged.
+        self.belts = np.random.default_rng([seed, 42])
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -130,7 +130,7 @@ class _Draw:
     # Time
 
     def course(self):
-        """Return a course in time that is zero at times[0], unless the run begins under load."""
+        """Return a function of time that is zero at times[0], unless the run begins under load."""
         n = len(self.times)
         kind = self.one("ramp", "free", "few", "turns", "held")
         if kind == "ramp":
@@ -149,7 +149,7 @@ class _Draw:
         return _Course(self.times, np.asarray(values, dtype=float))
 
     def pressing(self):
-        """Return a course in time with values >= 0."""
+        """Return a function of time with values >= 0."""
         values = np.linspace(0, 1, len(self.times)) if self.chance(0.5) else self.rng.uniform(0.3, 1, len(self.times))
         if not self.late:
             values[0] = 0.0
@@ -230,7 +230,7 @@ class _Draw:
 
     def tresca(self, side):
         if self.chance(0.2):
-            self.bound()  # This unused draw leaves all later draws unchanged.
+            self.bound()  # Without this call, later random numbers would change.
         rule = self.one("nodes", "nodes", "integral")
         return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, ground=self.ground())
 
@@ -387,13 +387,13 @@ def draw(seed):
     if _has_kernel(effects, mesh):
         d.kinds.add("kernel")
         if not d.chance(0.1):
-            # Without supports, iterative solvers and starts in equilibrium are refused.
+            # If no support holds the body, iterative solvers and starts in equilibrium are refused.
             start, linear = "settled" if start == "equilibrium" else start, None
     return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
 
 
 def draw_two_bodies(seed):
-    """Return the scene of a seed with a second body as ground, or None. The interface has the name "bottom"."""
+    """Return a scene in which a second body replaces the ground, or None. The interface is named "bottom"."""
     drawn = draw(seed)
     if drawn.kinds & {"turned", "thin", "contrast"}:
         return None

@@ -1,4 +1,4 @@
-"""Call commands in the process of the test."""
+"""Call commands without a new process."""
 
 from typer.testing import CliRunner
 

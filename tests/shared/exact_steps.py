@@ -1,4 +1,4 @@
-"""One step of backward Euler, solved in fixed-point numbers with 512 fractional bits to check certificates.
+"""One step of backward Euler, solved in fixed-point numbers with 512 fractional bits.
 
 This module poses the program of a step again, without rounding. Unknowns are the increment d, the multipliers lam of
 norm terms B d - b, and the pressures p of limits D d <= e. The sets of sticking terms, slipping terms and active limits
@@ -6,9 +6,10 @@ determine a linear system,
 
     K d + B'lam + D'p = g,    B_i d = b_i  or  lam_i = +-w_i(p),    p_j = 0  or  D_j d - c_j p_j = e_j,
 
-with weights w and compliances c. Iterative refinement reduces the residual below 1e-60. A primal-dual active set method
-corrects the sets until every inequality holds to 1e-48. If sets repeat, the method changes one member of a set at a
-time (Murty 1974). With weights that do not depend on p, the solution is unique in the seminorm of K.
+with the stiffness K, load g, weights w and compliances c. Iterative refinement reduces the residual below 1e-60. A
+primal-dual active set method corrects the sets until every inequality holds to 1e-48. If sets repeat, the method
+changes one member of a set at a time (Murty 1974). With weights that do not depend on p, the solution is unique in the
+seminorm of K.
 
 All equations are scaled by powers of two.
 """
@@ -262,7 +263,6 @@ def _scale_rows(matrix):
 
 
 def _choose_unit(load, before, drag, d, power):
-    """Return the exponent a of the unit of a step."""
     sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
     return int(np.frexp(top)[1])

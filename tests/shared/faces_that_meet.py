@@ -14,7 +14,7 @@ TIMES = np.linspace(0.0, 1.0, 4)
 
 
 def random_scene(seed):
-    """Return a scene, a mesh, and the kind of friction. The load rotates, and the bound is zero in places."""
+    """Return a scene, a mesh, and the kind of friction."""
     rng = np.random.default_rng(seed)
     family, n = FAMILIES[rng.integers(5)], int(rng.integers(2, 4))
     count = int(rng.integers(1, 4))

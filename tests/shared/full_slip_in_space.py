@@ -1,4 +1,4 @@
-"""Full slip in space: the closed form of problems/manufactured_full_slip.py in (x, z), and a slip along y.
+"""Full slip in space: the closed form of problems/manufactured_full_slip.py in x and z, plus a slip along y.
 
     u = t e^{xz} / 6 (x (1 + c), b x, z (c - 1)),    c = 1 / (1 + lambda), b = ASIDE,
 

@@ -15,7 +15,7 @@ import vemcvx as vx
 
 ROOT = Path(vx.__file__).parent.parent
 MEMORY = 2 * 2**30
-"""Bytes that a process may use. The limit of reserved bytes is four times as large."""
+"""Bytes that a process may use. The limit of the address space is four times as large."""
 SECONDS = 30
 """CPU seconds for a batch of files. The wall-clock limit is ten times as large."""
 

@@ -112,7 +112,7 @@ class Body:
         self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
         self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
         self.n = len(self.points)
-        # Positions of the two components at each node in scikit-fem's vectors.
+        # scikit-fem's indices of both components at each node
         self.order = self.basis.nodal_dofs.T.ravel()
         self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -449,7 +449,7 @@ class March:
         raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
 
     def _solve_program(self, before, s, t, bounds, near=None):
-        """Solve a convex program. The first sets are those of `near`, by default those of Clarabel's answer."""
+        """Solve a convex program. The first sets come from the state `near`, by default from Clarabel's answer."""
         body, k = self.body, t - s
         H = body.K + body.C / k
         f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)

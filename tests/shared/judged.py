@@ -164,12 +164,12 @@ def _solve_exactly(exact, before, t, n):
 
 
 def _check_resumed(drawn, history, verdict):
-    """Check that a resumed run equals the uninterrupted run up to the interruption."""
+    """Check that a resumed run begins like the uninterrupted run."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
     whole, half = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options), (len(drawn.times) + 1) // 2
     for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "certificate_floor"):
         one, other = getattr(whole, name)[:half], getattr(history, name)[:half]
-        # A resumed run certifies other steps together, which changes rounding errors. The floor bounds these errors.
+        # Certificates of a resumed run have other rounding errors, up to the floor.
         rounded = ROUNDED if name.startswith("certificate") else 0.0
         hidden = whole.certificate_floor[:half] if name == "certificate" else 0.0
         if not np.allclose(one, other, rtol=rounded, atol=hidden, equal_nan=True):
@@ -207,7 +207,7 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution for the weights of the answer, or infinity.
+    """Return the distance from the exact solution with the answer's weights, or infinity.
 
     With large friction coefficients, a step may have several solutions.
     """

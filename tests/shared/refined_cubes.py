@@ -45,7 +45,7 @@ def squares(low, width, small):
 
 
 def outline(square, number):
-    """Return the nodes around a square, including nodes inside edges."""
+    """Return the nodes around a square, including hanging nodes."""
     corner, width, (one, other) = square
     steps = [(one, 1), (other, 1), (one, -1), (other, -1)]
     at, around = corner.copy(), []

@@ -44,9 +44,7 @@ MARKS = {"voronoi": (), "hanging": pytest.mark.long}
 few_families = pytest.mark.parametrize(
     "family", [pytest.param(name, marks=MARKS.get(name, pytest.mark.slow)) for name in FAMILIES]
 )
-"""Families for longer tests in which only the stiffness matrix depends on cells."""
 any_family = mostly_long("family", FAMILIES, "voronoi")
-"""Families for longer tests that every family must pass."""
 
 
 def paper_load(course):

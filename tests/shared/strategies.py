@@ -54,7 +54,7 @@ def materials(draw, mesh):
 
 
 def courses(steps):
-    """Draw courses in time with the value 0 at the first instant."""
+    """Draw values at the instants. The first value is 0."""
     # Tiny values are set to zero, because energy norms below 1e-125 are refused.
     free = st.lists(st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-60 else 0.0), min_size=steps, max_size=steps)
     few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)

@@ -107,7 +107,6 @@ def test_a_program_needs_the_stored_state_before_its_step():
     for n, words in {2: "the state after step 1 is not stored", 0: "there is no such", 5: "there is no such"}.items():
         with pytest.raises(vx.HistoryError, match=rf"^program\({n}\): .*{words}"):
             history.program(n)
-    # The initial state is always known.
     assert vx.simulate(scene, mesh, TIMES, store=[1]).program(1).step == 1
     with pytest.raises(vx.SceneError, match="condense"):
         history.program(3, condense="no")

@@ -61,7 +61,7 @@ def test_the_page_begins_with_a_load_cycle_on_the_papers_block(ran):
     problem = read_problem("feng_han_huang")
     scene = problem.module.scene(course=lambda t: np.interp(t, [0, 1 / 3, 2 / 3, 1], [0, 1, -1, 1]))
     history = vx.simulate(scene, vx.meshes.voronoi(16), np.linspace(0, 1, app.STEPS + 1))
-    # Instants of the two courses differ by rounding.
+    # Instants of both runs differ by rounding.
     assert np.abs(found["history"].displacement - history.displacement).max() < 1e-12
     stuck = history.contact.sticking[-1]
     numbers = {name: value for name, value, _ in found["numbers"]}
@@ -105,7 +105,7 @@ def test_an_exported_page_is_one_file_and_opens_at_the_given_step(tmp_path, monk
     ("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (1, ["pressure"]), (0, [])]
 )
 def test_a_users_problem_file_is_shown(kinds, names, tmp_path, monkeypatch):
-    """Pictures of stick and slip need friction. The picture of hysteresis needs a course of the load."""
+    """Pictures of stick and slip need friction."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
     monkeypatch.setenv(live_page.GIVEN, "")  # restored at the end
     monkeypatch.chdir(tmp_path)

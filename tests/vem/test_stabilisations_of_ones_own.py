@@ -96,7 +96,7 @@ def test_files_keep_named_stabilisations_but_no_classes(tmp_path):
 
 
 class Softer(vx.Elasticity):
-    """A material whose stiffness has another stabilisation than `stabilisation`."""
+    """A material whose stiffness does not use the field `stabilisation`."""
 
     def contribute(self, space):
         ours = super().contribute(space)

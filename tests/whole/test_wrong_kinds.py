@@ -205,7 +205,7 @@ def list_places():
 
 PLACES = dict(list_places())
 EVERY = len(WRONG)
-"""Stride through `WRONG` that passes one value to each parameter."""
+"""With this stride, each parameter receives one value of `WRONG`."""
 
 
 @pytest.mark.long

@@ -44,7 +44,7 @@ from vemcvx.program.forces import Delassus, Point
 from vemcvx.results import record
 from vemcvx.scene import Scene, pose_scene, pose_unchecked, suppress_scene_warnings
 from vemcvx.scene.pose import PosedScene
-from vemcvx.sensitivity.observed import FORMS, Gradients, Observed, Quantities, find_quantities
+from vemcvx.sensitivity.observed import FORMS, Gradients, Observed, Quantities, condense, find_quantities
 from vemcvx.simulation import begins, check_kinds, free_unknowns
 from vemcvx.solvers import Newton, Solver
 from vemcvx.solvers.law import Weights
@@ -256,17 +256,15 @@ def sensitivities(
     found = march_prepared(run, times, free_unknowns(initial, posed, times), np.arange(len(times)), storage=Memory())
     history = History.from_results(record(posed, found, 0.0, Memory()), begins(initial))
     at = quantities.observe(posed, history)
-    P, condensation, m = posed.supports.P, run.condensation, len(run.condensation.retained)
-    E = P if condensation.whole else P @ condensation.complete(np.zeros((P.shape[1], m)), np.eye(m))
-    rows, inner = quantities.differentiate(posed, at, E, lambda f: P @ condensation.solve_interior(P.T @ f))
+    rows, inner = quantities.differentiate(posed, at, run)
     steps, one_sided = _linearise(run, history, at)
     if one_sided.any():
         when = ", ".join(f"{t:.6g}" for t in times[one_sided][:6])
         log.warning("sensitivities: contact or friction is about to change at t = %s: derivatives are one-sided.", when)
     if shapes is None:
-        changes, explicit = _differences(pose, parameters, history, posed, quantities, E=E, inner=inner)
+        changes, explicit = _differences(pose, parameters, history, posed, quantities, run=run, inner=inner)
     else:
-        changes = _field_changes(posed, found.pressures, shapes, len(parameters), E.shape[1])
+        changes = _field_changes(posed, found.pressures, shapes, len(parameters), len(run.condensation.retained))
         explicit = np.zeros((len(of), len(times), len(parameters)))
     kept = at.values, history, one_sided
     return Sensitivities(tuple(of), *kept, _steps=steps, _rows=rows, _changes=changes, _explicit=explicit)
@@ -298,10 +296,13 @@ def _differences(
     own: PosedScene,
     quantities: Quantities,
     *,
-    E: Any,
+    run: PreparedRun,
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
     """Return central differences: the changes of all steps, and `Sensitivities._explicit`."""
+    P, m, E = own.supports.P, len(run.condensation.retained), None
+    if m < len(theta) * len(history.trajectory.times):  # Then m solves for all unit states cost less.
+        E = run.condensation.complete(np.zeros((run.system.n, m)), np.eye(m))
     columns, shapes = [], [M.shape for M in (own.supports.P, own.terms.rows, own.obstacles.rows)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
         pair = []
@@ -315,7 +316,8 @@ def _differences(
                 raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
             pair.append((at.forces, at.off, np.where(at.w < np.inf, at.w, 0.0), at.values))
         forces, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
-        columns.append((-(E.T @ forces).T, off, w, values - np.einsum("qit,it->qt", inner, forces)))
+        push = condense(run, P, forces)[0] if E is None else (P.T @ forces).T @ E
+        columns.append((-push, off, w, values - np.einsum("qit,it->qt", inner, forces)))
     *data, explicit = (np.stack(each, axis=-1) for each in zip(*columns, strict=True))
     return list(zip(*data, strict=True)), explicit
 

@@ -9,9 +9,8 @@ a and h. If A_1 = 0, the derivatives of h'R by y, lam and p are P'A h, B^ h and 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,6 +22,7 @@ from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.results.forces import support_shares
 from vemcvx.results.probe import places
 from vemcvx.scene.pose import PosedScene
+from vemcvx.stepping import PreparedRun
 
 FORM = re.compile(r"(reaction of|displacement at|slip at) (.+) ([xyz])")
 FORMS = '"reaction of left x", "displacement at (1, 0.5) y", "slip at (0.5, 0) x", "energy" and "dissipated"'
@@ -43,7 +43,7 @@ class Observed:
 
 
 Gradients = tuple[Floats, Floats, Floats]
-"""The derivatives (Q, T, ...) of quantities by contact unknowns, by these one instant before, and by (lam, p)."""
+"""Derivatives (Q, T, ...) by contact unknowns, by these one instant before, and by (lam, p); losses are of one step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,25 +97,31 @@ class Quantities:
             stored=stored,
         )
 
-    def differentiate(
-        self, posed: PosedScene, at: Observed, E: Any, respond: Callable[[Floats], Floats]
-    ) -> tuple[Gradients, Floats]:
-        """Return the derivatives, of losses in single steps; E (n_u, m) maps contact unknowns to displacements.
-
-        The second array (Q, n_u, T or 1) has the derivatives by nodal forces while the contact unknowns are fixed.
-        """
-        terms, acting, outer = posed.terms, posed.terms.acting_rows.shape[0], np.multiply.outer
-        after, by_u = at.k[:, None] > 0, self.a + self.h @ posed.A  # Losses begin with the first step.
-        before = -outer(self.losses, (after * at.lam.reshape(len(at.k), -1) @ terms.rows) @ E)
+    def differentiate(self, posed: PosedScene, at: Observed, run: PreparedRun) -> tuple[Gradients, Floats]:
+        """Return derivatives, and derivatives (Q, n_u, T or 1) by nodal forces while the contact unknowns are fixed."""
+        count, after, by_u = run.operators.B.shape[0], at.k[:, None] > 0, self.a + self.h @ posed.A
+        P, outer = posed.supports.P, np.multiply.outer
+        own, response = condense(run, P, by_u.T)
+        y, inner = own[:, None], response.T[:, :, None]
+        if self.energy.any():
+            own, response = condense(run, P, at.elastic)
+            y, inner = y + outer(self.energy, own), inner + outer(self.energy, response)
+        # Losses begin with the first step.
+        before = -outer(self.losses, (after * at.lam.reshape(len(at.k), -1)[:, :count]) @ run.operators.B)
         if posed.viscosity is not None:
-            before[:, 1:] -= (self.h @ posed.viscosity @ E)[:, None] / at.k[1:, None]
-        y = (by_u @ E)[:, None] + outer(self.energy, at.elastic.T @ E) - before
-        x = self.h @ sp.vstack([terms.acting_rows, posed.obstacles.rows]).T
+            before[:, 1:] -= condense(run, P, (self.h @ posed.viscosity).T)[0][:, None] / at.k[1:, None]
+        x = self.h @ sp.vstack([posed.terms.acting_rows, posed.obstacles.rows]).T
         by_losses, by_energy = np.zeros((2, *at.off.shape))
-        by_losses[:, :acting], by_energy[:, acting:] = after * at.off[:, :acting], at.stored
+        by_losses[:, :count], by_energy[:, count:] = after * at.off[:, :count], at.stored
         x = x[:, None] + outer(self.losses, by_losses) + outer(self.energy, by_energy)
-        inner = outer(self.energy, respond(at.elastic)) if self.energy.any() else 0.0
-        return (y, before, x), respond(by_u.T).T[:, :, None] + inner
+        return (y - before, before, x), inner
+
+
+def condense(run: PreparedRun, P: sp.csr_matrix, forces: Floats) -> tuple[Floats, Floats]:
+    """Return nodal forces (n_u, k), condensed to contact unknowns (k, m), and the motions (n_u, k) of the interior."""
+    f, c = P.T @ forces, run.condensation.retained
+    xi = run.condensation.solve_interior(f)
+    return (f[c] - run.system.K[c] @ xi).T, P @ xi
 
 
 def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:

@@ -77,7 +77,7 @@ class Equilibrium:
     factor: Factor
 
     def solve(self, given: Floats, largest: float) -> Floats:
-        """Return x = P y with P' G x = P' f for the forces f = `given`."""
+        """Return x = P y with P' G x = P' f for the given forces f."""
         left, x, apart, before = given, np.zeros(len(given)), np.inf, np.inf
         # Stop if a correction does not halve the residual.
         while ROUNDING * largest < apart <= 0.5 * before:
@@ -111,7 +111,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
 
 
 def assemble(places: Sequence[Ints], matrices: Sequence[Floats], size: int) -> sp.csr_matrix:
-    """Assemble chunks of cell matrices with the rows and columns `places`."""
+    """Assemble chunks of cell matrices into one matrix."""
     rows, columns = (
         np.concatenate([np.broadcast_to(np.expand_dims(at, axis), (*at.shape, at.shape[1])).ravel() for at in places])
         for axis in (2, 1)

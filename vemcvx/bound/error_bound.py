@@ -30,14 +30,14 @@ class ErrorBound(Outlined):
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
-    exact history. It begins at v(0). With initial="equilibrium" or "settled", it begins in exact equilibrium.
+    exact history. The exact history begins at v(0), or with initial="equilibrium" or "settled" in exact equilibrium.
 
     Attributes
     ----------
     steps : (S,) int
         The examined steps.
     upper, lower : (S,)
-        Bounds on |u - v|_a. For a single step they are numbers. For whole histories, `lower` is zero.
+        Bounds on |u - v|_a. For a single step, both are numbers. For whole histories, `lower` is zero.
     energy : ((S,), (S,))
         Lower and upper bounds on the elastic energy of u, 1/2 a(u, u).
     potential : ((S,), (S,))

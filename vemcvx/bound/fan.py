@@ -158,8 +158,8 @@ class Fans:
 
 
 def condense(M: Floats, first: int) -> Floats:
-    """Eliminate the leading `first` unknowns from symmetric matrices."""
-    # Explicit inverses lose digits near nu = 1/2.
+    """Eliminate the leading unknowns from symmetric matrices."""
+    # Explicit inverses lose digits near Poisson's ratio 1/2.
     inner = np.linalg.solve(M[..., :first, :first], M[..., :first, first:])
     left = M[..., first:, first:] - np.matmul(M[..., first:, :first], inner)
     return np.asarray(0.5 * (left + left.swapaxes(-1, -2)))
@@ -179,7 +179,7 @@ def condense_to_outlines(fans: Fans, each: Floats, slots: Ints) -> Floats:
 
 
 def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Floats:
-    """Add the values of all chunks to a vector (size,) at `places`."""
+    """Add the values of all chunks, and return a vector (size,)."""
     where, what = (np.concatenate([one.ravel() for one in each]) for each in (places, values))
     return totals(where, what, size)
 

@@ -28,7 +28,7 @@ class FineBoundary:
     along: Floats  # (q,) position on the edge, in (0, 1)
 
     def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
-        """Interpolate values at ends of boundary edges linearly to the new nodes `at`."""
+        """Interpolate linearly from the ends of boundary edges to new nodes."""
         start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
         s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
         return np.asarray((1.0 - s) * start + s * stop)
@@ -50,7 +50,7 @@ class FineBoundary:
 
 
 def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
-    """Set values close to `line` to `line`, and return both arrays."""
+    """Return `values` and `line`, made equal where they differ only by rounding."""
     size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
     return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
 

@@ -65,7 +65,7 @@ class Forms:
         return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """Return the products one . M other (c,) with the matrices M of cells."""
+        """Return the products x . M y (c,) of x = `one`, y = `other` and the matrices M of cells."""
         return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 
@@ -218,7 +218,7 @@ class Hypercircle:
         left = self.free.T @ residual
         part = self.factor.solve(left)
         w, work = self.free @ part, float(left @ part)
-        # Near nu = 1/2, |w|^2 and `work` differ by rounding errors.
+        # Near Poisson's ratio 1/2, |w|^2 and `work` differ by rounding errors.
         energy = float(sum(self._inner(one, w, w).sum() for one in self.forms))
         return (w, work / float(np.sqrt(energy))) if work > 0.0 and energy > 0.0 else (0.0 * w, 0.0)
 

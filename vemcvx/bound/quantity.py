@@ -195,7 +195,7 @@ class Dual:
         return circle.make_pair((self.t, z), surface, read, prestress)
 
     def _moves_along(self, ways: Floats) -> Bools:
-        """Return a mask (b,) of edges that z_D moves along `ways`."""
+        """Return a mask (b,) of edges that z_D moves in the given directions."""
         return np.asarray(along(self.lifted[self.primal.boundary.edges.outer_edges], ways).any(axis=1))
 
     def _find_untouched(self) -> Ints:
@@ -256,7 +256,7 @@ class Dual:
 
 def _allowance(primal: Pair, dual: Pair) -> float:
     """Return an estimate of |l_0(z_h) + q_0(u)| + A_z eta."""
-    # |v + w| <= |v| + |w|, and |w| is `lower`.
+    # |v + w| <= |v| + |w|, and the attribute `lower` is |w|.
     load, quantity = primal.read.eta, dual.read.eta
     works = load * (dual.norm + dual.lower) + quantity * (primal.norm + primal.lower)
     return works + float(np.sqrt(dual.richer_A2)) * load + quantity * (primal.upper + load)

@@ -1,7 +1,7 @@
 """Linear fits to the data of a scene, and an estimate of the errors due to the fits.
 
 Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells. The
-bounds are theorems for linear fits to the values, called the data *as read*.
+bounds are theorems for linear fits to the values. The fits are called data *as read*.
 
 A remainder is a datum minus the fit. On a displacement w, all remainders do the work l_0(w). The functional l_0 has the
 norm eta = sup l_0(w) / |w|, with the energy norm |w|. We estimate eta^2 by the sum of the energies below. Here mu is

@@ -26,7 +26,7 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True)
 class Joints:
-    """The pairs of opposite boundary edges (in space: faces) at interfaces."""
+    """The pairs of opposite boundary edges or faces at interfaces."""
 
     across: Ints  # (b, 2) nodes across the interface for edges in `first`, else -1; empty in space
     first: Ints  # (k,) edge or face on the first body of each pair
@@ -77,7 +77,7 @@ class Skeleton:
     outer: Ints  # (b,) cells of boundary edges
     outer_corners: Ints  # (b,) cell corners at which boundary edges begin
     outer_edges: Ints  # (b, 2) end nodes of boundary edges, counter-clockwise
-    outer_normals: Floats  # (b, 2) outward normals of boundary edges, with the lengths of the edges
+    outer_normals: Floats  # (b, 2) outward normals of boundary edges, scaled by edge length
     free: Floats  # (b, 2, 2) projectors onto directions that the supports leave free
     joints: Joints
 

@@ -42,7 +42,7 @@ def products(a: Floats, b: Floats) -> Floats:
 
 
 def along(ends: Floats, ways: Floats) -> Floats:
-    """Return the components (b, 2) of `ends` along `ways`."""
+    """Return the products (b, 2) of the vectors `ends` and the directions `ways`."""
     return np.asarray(np.einsum("bed,bd->be", ends, ways))
 
 
@@ -159,7 +159,7 @@ class Boundary:
 
     @cached_property
     def acting(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges on which friction and on which obstacles can do work."""
+        """The masks (b,) of edges where friction can do work, and where obstacles can."""
         slip, normal = self._effect_edges
         return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
 

@@ -24,7 +24,7 @@ class Fitting:
 
     file: File
     measured: Annotated[Path, typer.Option(metavar="FILE.csv", help="A column t, and columns of measured values.")]
-    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters that are fitted; they keep their signs.")]
+    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters to fit; the signs are kept.")]
     mesh: Mesh = None
     n: N = None
     settings: Settings = NONE

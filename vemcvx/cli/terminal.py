@@ -24,7 +24,7 @@ COLUMN = 12  # Width of the name at the start of a line, and indentation of cont
 
 
 def say(text: str, err: bool = False) -> None:
-    """Print a text to standard output or standard error; on a terminal, break its lines between words."""
+    """Print a text to standard output or standard error; on a terminal, break lines between words."""
     if (sys.stderr if err else sys.stdout).isatty():
         wrapper = TextWrapper(shutil.get_terminal_size().columns, subsequent_indent=" " * COLUMN)
         wrapper.break_long_words = wrapper.break_on_hyphens = False
@@ -105,7 +105,7 @@ class ProgressLines:
 
 @contextmanager
 def limit_log(times: int) -> Iterator[None]:
-    """Log at most `times` lines with the same text before the colon."""
+    """Limit the number of log lines with the same text before the colon."""
     counts: Counter[str] = Counter()
 
     def is_within_limit(record: logging.LogRecord) -> bool:

@@ -130,7 +130,7 @@ def sweep(
     workers: int = 2,
     report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
-    """Run the reference and all points. At least one point must have `steps`."""
+    """Run the reference and all points. At least one point must have a number of steps."""
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)
     finer = replace(coarsest, n=2 * n, steps=4 * counts[-1])

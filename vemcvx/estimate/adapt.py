@@ -318,7 +318,7 @@ def _check(target: object, most: object, progress: object) -> None:
 
 
 def _begin(scene: Scene, mesh: Mesh, aim: _Aim) -> tuple[_Aim, Floats]:
-    """Return the aim with `turns`, and instants with a small time error on `mesh`."""
+    """Return the completed aim, and instants with a small time error."""
     # Effects that are zero at all given instants may act between them.
     posed = pose_scene(scene, mesh, between=aim.wanted.tolist())
     check_estimable(posed, "adapt")

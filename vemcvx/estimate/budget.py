@@ -65,7 +65,7 @@ class ErrorBudget(Outlined):
     cells : (n_cells,)
         The largest estimated error eta_K of each cell over all steps (:mod:`vemcvx.estimate.residual`).
     scale : float
-        The largest energy norm of the run, including springs. All errors are divided by it.
+        The largest energy norm of the run, including springs. All errors are divided by this norm.
 
     Examples
     --------

@@ -37,7 +37,7 @@ def quantities(history: History) -> dict[str, Quantity]:
     -------
     dict
         The values "dissipated", "work" and "wear" with estimated errors. "wear" is the largest friction work at a
-        contact node, per length (in space: per area). All values are accumulated from the initial instant.
+        contact node, per length or area. All values are accumulated from the initial instant.
 
     Raises
     ------

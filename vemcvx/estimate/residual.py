@@ -76,7 +76,7 @@ class MeshSides:
     """cells (k,) of simplices, and vectors (k, dim, dim) from centroids of cells to corners"""
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
-        """Return the widths of cells along `normals` of any length."""
+        """Return the widths of cells along the normals."""
         if len(cells) == 0:
             return np.zeros(0)
         offsets, corners = self.corners

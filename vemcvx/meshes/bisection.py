@@ -94,14 +94,14 @@ class Tetrahedra(NamedTuple):
         return cls(corners, parts, np.arange(len(corners)), np.zeros(len(corners), dtype=np.int64))
 
     def longest_edges(self, points: Floats, places: Ints) -> Ints:
-        """Return the longest edges (n, 2) as columns of `corners`."""
+        """Return the longest edge of each cell, as two columns (n, 2) of `corners`."""
         ends = places[self.corners[:, EDGES]]
         x, keys = points[ends], edge_keys(ends.reshape(-1, 2), len(points)).reshape(-1, 6)
         squared = np.sum((x[:, :, 0] - x[:, :, 1]) ** 2, axis=2)
         return EDGES[np.lexsort((keys, squared))[:, -1]]
 
     def cut(self, chosen: Bools, at: Ints, middle: Ints) -> Tetrahedra:
-        """Bisect chosen cells at nodes `middle` on the edges `at`."""
+        """Return the cells after a bisection of the chosen cells."""
         some, row = Tetrahedra(*(values[chosen] for values in self)), np.arange(len(at))
         halves = []
         for kept, left in (at.T, at.T[::-1]):
@@ -114,7 +114,7 @@ class Tetrahedra(NamedTuple):
 
 
 def bisect_cells(mesh: PolyhedralMesh, marked: Bools, cuts: int) -> PolyhedralMesh:
-    """Bisect marked cells `cuts` times, and further cells until no node hangs."""
+    """Bisect marked cells, then further cells until no edge has a hanging node."""
     n, points, places = mesh.n_nodes, mesh.points, places_of(pairs_of(mesh.interfaces), mesh.points)
     cells, todo, ends = Tetrahedra.from_mesh(mesh), marked, np.empty((0, 2), dtype=np.int64)
     while todo.any():

@@ -55,7 +55,7 @@ class Box:
 
 
 def check_box(box: Any, dimension: int = 2) -> Box:
-    """Return the box between two corners of finite numbers, or raise MeshError."""
+    """Return the box between two corners, or raise MeshError."""
     given = plain(box)
     if given is None or given.shape != (dimension, 2) or given.dtype.kind not in "iuf":
         wanted = ", ".join(f"({axis}0, {axis}1)" for axis in AXES[:dimension])
@@ -123,7 +123,7 @@ def move_into_box(points: Floats, size: Floats, low: Floats, high: Floats) -> Fl
 
 WHOLE = "boundary"
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
-"""Dimension -> names of the two sides across each axis."""
+"""Dimension -> names of opposite sides, for each axis."""
 T = TypeVar("T")
 
 

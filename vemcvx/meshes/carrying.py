@@ -20,7 +20,7 @@ Kind = TypeVar("Kind", bound=Mesh)
 
 
 def inherit_parts(mesh: Kind, made: Kind, parents: Ints, parts: Ints, places: Ints) -> Kind:
-    """Return the new mesh `made` with the boundaries, interfaces and cell data of `mesh`.
+    """Return the new mesh with the boundaries, interfaces and cell data of the old mesh.
 
     The new cell k is part of the old cell `parents[k]`. The new boundary side k is part of the old side `parts[k]`.
     """

@@ -1,7 +1,7 @@
 """Cracks between two sets of cells, and cuts of a mesh into two parts.
 
-A crack divides the cells at a node into groups. Two neighbours are in one group if the crack does not separate them.
-Every group gets a node. At a crack tip, all cells form one group, and the node stays single.
+A crack divides the cells at a node into groups. Neighbouring cells are in one group if the crack does not separate
+them. Every group gets a node. At a crack tip, all cells form one group, and the node stays single.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _check_opening(mesh: Mesh, origin: Ints, lip: Ints, other: Ints) -> None:
 
 
 def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, AnyMesh]:
-    """Cut the mesh of a body in two along a straight line of edges (in space: a plane of faces).
+    """Cut the mesh of a body in two along a straight line of edges, or in space along a plane of faces.
 
     :func:`vemcvx.meshes.bodies` joins both parts again. The cut becomes an interface, for example for `Pretension`.
     Both parts keep cell data and names of boundaries.

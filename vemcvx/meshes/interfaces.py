@@ -26,7 +26,7 @@ from vemcvx.meshes.polygons import (
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """Edges (in space: faces) of one body that coincide with edges of another body.
+    """Coinciding edges of two bodies, or in space coinciding faces.
 
     Coinciding nodes have different numbers.
 
@@ -35,8 +35,8 @@ class Interface:
     bodies : (str, str)
         Names of the two bodies, the first and the second.
     edges : (k, 2) int
-        Nodes of edges, with the first body on the left. In space: nodes (k, n) of faces of the first body,
-        counter-clockwise seen from outside, padded with -1.
+        Nodes of edges, with the first body on the left. In space: nodes (k, n) of faces, counter-clockwise seen from
+        outside the first body. Short rows are padded with -1.
     partners : (k, 2) int
         The nodes of the second body that coincide with the nodes in `edges`, entry by entry.
 
@@ -54,7 +54,7 @@ class Interface:
 
     @property
     def pairs(self) -> Ints:
-        """Sorted pairs (m, 2) of coinciding nodes, first body before second body."""
+        """Sorted pairs (m, 2): a node of the first body, and the coinciding node of the second body."""
         known = self.edges >= 0
         return np.unique(np.column_stack([self.edges[known], self.partners[known]]), axis=0)
 
@@ -111,7 +111,7 @@ def coinciding_sides(outlines: tuple[Ints, Ints], place: Ints) -> tuple[Ints, In
 
 
 def partners_of(one: tuple[Ints, Ints], other: tuple[Ints, Ints], places: Ints) -> Ints:
-    """Return the nodes of `other` that coincide with the nodes of `one`."""
+    """Return the nodes of the other body that coincide with the given nodes."""
     (rows, mine), (more, theirs), count = one, other, len(places)
     row = matching_rows(more, places[theirs], rows, places[mine])
     wanted = row[cell_of_corner(rows)] * count + places[mine]
@@ -169,6 +169,6 @@ def on_boundary(
 
 
 def faces_of(side: Ints, outlines: tuple[Ints, Ints]) -> Ints:
-    """Return the positions of the edges or faces `side` in `outlines`."""
+    """Return the positions of edges or faces in `outlines`."""
     there = side >= 0
     return matching_rows(*outlines, offsets_of(there.sum(axis=1)), side[there])

@@ -8,7 +8,7 @@ A side is *long* if the cell is a triangle, or if the side is at least `LONG_SID
 split at a vertex near the midpoint of the side. If no vertex is near, the edge around the midpoint is halved. Short
 sides stay whole. Splitting short sides would make Voronoi cells thinner in each refinement.
 
-Split points are joined to the centre of the cell. The three split points of a triangle are joined to each other. A
+Split points are joined to the centre of the cell. In a triangle, the three split points are joined to each other. A
 convex cell with two split points is cut between the two points. Further cells are split until unsplit cells get at most
 one hanging node between neighbouring bends.
 """

@@ -68,7 +68,7 @@ class Mesh(ABC):
 
     @classmethod
     def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
-        """Return the mesh of valid arrays, with names for the sides of `box`."""
+        """Return the mesh of valid arrays, with names for the sides of a box."""
         mesh = object.__new__(cls)
         mesh._fill(*arrays)
         return mesh if box is None else mesh._replace(_named=mesh._in_planes(box))
@@ -107,7 +107,7 @@ class Mesh(ABC):
     @property
     @abstractmethod
     def _sides(self) -> Sides:
-        """The edges (in space: faces) of all cells."""
+        """The edges or faces of all cells."""
 
     @property
     @abstractmethod
@@ -121,11 +121,11 @@ class Mesh(ABC):
 
     @abstractmethod
     def _places(self, parts: Ints) -> Ints:
-        """Return positions in `_boundary`."""
+        """Return the positions of `parts` in `_boundary`."""
 
     @abstractmethod
     def _measure_cells(self) -> tuple[Floats, Floats]:
-        """Return the areas (in space: volumes) and centroids of the cells."""
+        """Return the areas or volumes of the cells, and the centroids."""
 
     @cached_property
     def _outer_sides(self) -> Ints:
@@ -263,7 +263,8 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced. Parts may overlap.
         predicate : callable
-            Function from midpoints (m, 2) of edges (in space: centroids (m, 3) of faces) to a mask (m,).
+            Function that takes the midpoints (m, 2) of edges, or in space the centroids (m, 3) of faces. It returns a
+            mask (m,).
         of : str, optional
             Boundary or interface from which to choose; by default the whole boundary without interfaces.
         """
@@ -296,8 +297,8 @@ class Mesh(ABC):
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split, by default all cells. Tetrahedra are split into two parts or more, by default into eight
-            parts or more. Further cells are split until an edge has at most one hanging node, or in space none.
+            Cells to split, by default all cells. Tetrahedra are split into two parts or more, without `cells` into
+            eight parts or more. Further cells are split until an edge has at most one hanging node, or in space none.
 
         Raises
         ------
@@ -311,7 +312,7 @@ class Mesh(ABC):
         return refined
 
     def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with a crack along the edges (in space: faces) between two sets of cells.
+        """Return this mesh with a crack along the edges or faces between two sets of cells.
 
         The crack becomes an interface with double nodes. Crack tips inside the mesh keep single nodes. New nodes come
         last.

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 class PolygonMesh(Mesh):
     """A polygonal mesh of a plane domain.
 
-    All arrays are read-only. Nodes and cells keep the given order. With a `MeshWarning`, clockwise cells are reversed,
-    and unused nodes are dropped.
+    All arrays are read-only. Nodes and cells keep the given order. Clockwise cells are reversed, and unused nodes are
+    dropped. A `MeshWarning` reports both.
 
     Parameters
     ----------

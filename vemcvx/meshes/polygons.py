@@ -226,7 +226,7 @@ def rounding(*points: Floats) -> Floats:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (i, j), sorted by i, where box i meets tree box j."""
+    """Return pairs (i, j), sorted by i, of boxes that intersect."""
     import shapely
 
     if not len(low) or not len(tree_low):

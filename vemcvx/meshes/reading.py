@@ -22,7 +22,7 @@ from vemcvx.meshes.several_bodies import join
 def read(path: str | Path, bodies: str | None = None, *, tolerance: float | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of VTK (.vtu), Gmsh (.msh), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
-    Groups and sets of lines (in space: surfaces) become named boundaries. A group or set of cells becomes a cell datum,
+    A group or set of boundary edges or faces becomes a named boundary. A group or set of cells becomes a cell datum,
     which is 1 in the group and 0 outside. If the file names no part of the boundary, straight sides are named "left",
     "right" and so on, with a `MeshWarning`. The page "Meshes" describes all formats.
 

@@ -1,6 +1,6 @@
 """Joining the meshes of several bodies, with interfaces where boundaries coincide.
 
-Nearby nodes of two bodies move to the node of the first body. A node near an edge of another body is inserted into the
+A node near a node of an earlier body moves to that node. A node near an edge of another body is inserted into the
 edge. If the edge belongs to an earlier body, the node moves onto the edge. For polyhedra see :mod:`.overlay`.
 """
 
@@ -281,7 +281,7 @@ def _check_apart_in_space(names: tuple[str, ...], mesh: PolyhedralMesh, body: In
         inside = there[is_enclosed(places[there], mesh.points, *own)]
         if len(inside):
             raise _position_error(names, np.array([number, owner[inside[0]]]), places[inside[0]])
-    # Two bodies may have equal nodes, but different faces.
+    # Coinciding nodes need not belong to coinciding faces.
     some = np.flatnonzero(np.logical_and.reduceat(shared[vertices], offsets[:-1]))
     rows, nodes = rows_in_order(offsets, vertices, some)
     one, other = (some[cell_of_corner(rows)[corner]] for corner in find_all_in(place[nodes], place[nodes]))

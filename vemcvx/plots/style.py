@@ -1,7 +1,7 @@
 """The common style of all pictures: colours, labels and scales.
 
-Colour-blind readers can tell the colours apart (Okabe and Ito). Areas also differ in grey print. Labels contain units
-if these are named, and quantities otherwise. Magnifications and colour scales are the same at all steps.
+Colour-blind readers can tell the colours apart (Okabe and Ito). Areas also differ in grey print. Labels contain the
+units, or quantities if the units have no names. Magnifications and colour scales are the same at all steps.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def in_units(product: str, units: Units | None) -> str:
 
 
 def label(words: str, quantity: str, units: Units | None) -> str:
-    """Return `words` followed by the unit of the quantity in brackets."""
+    """Return words, and in brackets the unit of the quantity."""
     return f"{words}{'' if words.endswith(chr(10)) else ' '}({unit(units, quantity)})"
 
 

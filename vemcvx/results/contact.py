@@ -48,7 +48,7 @@ class Contact(ArrayRecord):
     pressure : (S, m)
         Normal contact force per length; compression is positive.
     traction_recovered, pressure_recovered : (S, m, dim), (S, m)
-        Traction and pressure to quote and draw. On interfaces of meshes that do not match, they are averaged over 1.5
+        Traction and pressure to quote and draw. On interfaces of meshes that do not match, both are averaged over 1.5
         cells (:mod:`vemcvx.results.contact_tiles`).
     sticking : (S, m) bool
         True where the slip of the step is zero up to rounding; always True at the initial instant.
@@ -210,7 +210,7 @@ def _recover(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bool
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
-    """Return the sums of `values` per length at contact nodes, or 0 for length 0."""
+    """Return the sums of values per length at contact nodes, or 0 where the length is 0."""
     total = sum_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 

@@ -44,7 +44,7 @@ class ContactTiles:
 
     @classmethod
     def from_rows(cls, rows: ContactRows, at: Ints, surface: Surface, mesh: Mesh) -> ContactTiles:
-        """Return the contact nodes; row i of `rows` is at node `at[i]` of `surface`."""
+        """Return the contact nodes. Row i of `rows` belongs to the contact node `at[i]`."""
         owner, (node, other), normals = rows.owners(at), rows.names.T, surface.normals
         there = owner >= 0
         owner, node, other = owner[there], node[there], other[there]

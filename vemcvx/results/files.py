@@ -249,7 +249,7 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
 
 
 def _move(made: Path, folder: Path) -> None:
-    """Replace the files of an older history in `folder` by the files in `made`."""
+    """Replace the files of an older history by new files."""
     names, older = set(os.listdir(made)), _files_of_history(folder)
     check_replaceable(folder, names)
     order = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}

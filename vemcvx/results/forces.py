@@ -1,8 +1,9 @@
 """The forces of effects on the boundary.
 
-Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix, and f the loads. B^ u has the
-slips, D^ u the displacements towards obstacles, and A_s u the displacements held by supports and bilateral contact. The
-vectors lam, p and mu are the forces of friction, obstacles and supports. The forces on the nodes are
+Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix, and f the loads. The vector
+B^ u contains the slips, D^ u the displacements towards obstacles, and A_s u the displacements held by supports and
+bilateral contact. The vectors lam, p and mu are the forces of friction, obstacles and supports. The forces on the nodes
+are
 
     R = A u + A_1 du/dt - f = A_s' mu - B^' lam - D^' p.
 
@@ -48,7 +49,7 @@ class BoundaryForces(ArrayRecord):
     """The forces of effects, one row per node and side."""
 
     causes: Annotated[Ints, "acting 2", ""]  # effect numbers, -1 for none
-    ends: Annotated[Ints, "acting 2", ""]  # node, and the second node of the edge (in space: the face)
+    ends: Annotated[Ints, "acting 2", ""]  # node, and the second node of the edge or the face number
     held: Annotated[Bools, "acting", ""]  # True for supports
     force: Annotated[Floats, "S acting dim", "force"]
     loads: Annotated[Floats, "S loads dim", "force"]  # total force of each load
@@ -270,7 +271,7 @@ class ActingForces:
         Parameters
         ----------
         of : str, effect or class of effects
-            As for `force`; on a boundary, supports are included.
+            As for `force`. The name of a boundary stands for the supports, too.
         about : (dim,) point, optional
             By default the origin. Moments are positive counter-clockwise.
 

@@ -15,7 +15,7 @@ from vemcvx.results.results import Results
 
 @dataclass(frozen=True)
 class Loop:
-    """The mean displacement (S,) and the force (S,) along `axis` at the place `on`."""
+    """The mean displacement (S,) and the force (S,) of a boundary, body or load along an axis."""
 
     on: str
     axis: int
@@ -25,7 +25,7 @@ class Loop:
 
 
 def loop_of(history: Results, on: str | None = None) -> Loop | None:
-    """Return the loop of `on`, by default of the driven boundary that moves most."""
+    """Return the loop of a boundary, by default of the driven boundary that moves most."""
     ways = _find_driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
         return _find_load_loop(history)

@@ -52,7 +52,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Accurate to second order in the time step. With dashpots, and in space for turning slip, the order is 1.
+        Accurate to second order in the time step. With dashpots, and in space if slip turns, the order is 1.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh; `mesh` is NaN if the mesh cannot be refined.
     unit : str

@@ -102,7 +102,7 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        With dashpots, and in space for turning slip, the order is 1.
+        With dashpots, and in space if slip turns, the order is 1.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 
@@ -186,7 +186,7 @@ class Results(ActingForces):
     def principal_stresses(self, step: int) -> Floats:
         """Return the principal stresses (n_cells, 2) in the plane at a stored step, the larger first; tension positive.
 
-        In space and (with the hoop stress) in a body of revolution, the shape is (n_cells, 3).
+        In space and in bodies of revolution, the shape is (n_cells, 3). The hoop stress is a principal stress.
         """
         return self.on_cells(step)["principal_stresses"]
 
@@ -248,7 +248,7 @@ class Results(ActingForces):
         return np.array(found, dtype=np.int64)
 
     def telling(self, most: int) -> Ints:
-        """Return at most `most` >= 2 stored steps to draw, such as the peak and reversals."""
+        """Return up to `most` >= 2 stored steps to draw, such as the peak and reversals."""
         later = self.stored[self.stored > 0]
         evenly = np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1
         steps = np.union1d(self.turns, later[-1:]) if len(self.turns) else later[evenly]

@@ -1,4 +1,4 @@
-"""Parts of the boundary: sides (edges in the plane, faces in space), nodes, nodal lengths, normals and tangents.
+"""Parts of the boundary. A *side* is an edge in the plane, or a face in space.
 
 The basis function phi_i is 1 at node i, 0 at all other nodes, and linear on edges.
 """
@@ -63,7 +63,7 @@ class Part:
 
     @property
     def names(self) -> Ints:
-        """The ends (e, 2) of sides: a node, and the other node (in space: the face)."""
+        """The ends (e, 2) of sides: a node and the other node of the edge, or a node and the face."""
         return np.column_stack([self.ends.nodes, self.ends.beyond])
 
     @cached_property
@@ -90,9 +90,9 @@ def edge_part(
 ) -> Part:
     """Return the part of the boundary with the edges (m, 2), which have cells on the left.
 
-    `across` (m, 2) is the coinciding node of another body, or -1. `inside` (m, 2) is True for nodes of a single cell
-    (on interfaces: a single cell of the first body). If the boundary is straight at a node of a single cell, the
-    node is a hanging node. In bodies of revolution, lengths have the factor 2 pi r.
+    `across` (m, 2) is the coinciding node of another body, or -1. `inside` (m, 2) is True for nodes of a single
+    cell; on interfaces, cells of the second body do not count. If the boundary is straight at a node of a single cell,
+    the node is a hanging node. In bodies of revolution, lengths have the factor 2 pi r.
     """
     start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     normals, lengths = _outward(chords)
@@ -218,7 +218,7 @@ DIRECTION_TOLERANCE = 1e-2  # unit vectors with a smaller distance (0.57 degrees
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges (in space: the corners of faces), with row numbers."""
+    """The ends of edges, or in space the corners of faces, with row numbers."""
 
     row: Ints
     beyond: Ints
@@ -258,10 +258,10 @@ class BoundaryRows:
     points : (q, dim) array
         Quadrature points of all edges or faces.
     matrix : (k, q) csr_matrix
-        ``matrix @ g(points)`` is int g phi_i ds. It is exact for g of degree 6 on edges (in bodies of revolution: 5)
-        and of degree 4 on faces.
+        ``matrix @ g(points)`` is int g phi_i ds. It is exact for g of degree 6 on edges, 5 in bodies of
+        revolution, and 4 on faces.
     ends : EdgeEnds
-        The ends of edges (in space: the corners of faces), with row numbers.
+        The ends of edges, or in space the corners of faces, with row numbers.
     partners : (k,) array of int
         Coinciding nodes of other bodies, or -1.
     cosines : (k,) array
@@ -303,7 +303,7 @@ class SideEnds:
     normals: Floats  # (e, dim) normals of the whole sides
     curvature: Floats  # (e,) weights of normals: 1 / length, or sin(alpha) / (|a| |b|)
     noise: Floats  # (e,) largest angle by which rounding turns the side
-    sizes: Floats  # (e,) length (in space: area) of the whole side
+    sizes: Floats  # (e,) length or area of the whole side
     lengths: Floats  # (e,) int phi_i ds over the side
     beyond: Ints  # (e,) the other node of the edge, or the number of the face
     partners: Ints  # (e,) coinciding nodes of other bodies, or -1
@@ -381,7 +381,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Average normals n (k, dim) with close mirror images n - 2 `across`."""
+    """Average normals (k, dim) with mirror images close to the normals."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

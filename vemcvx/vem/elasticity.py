@@ -44,8 +44,8 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str | Stabil
     ----------
     space : Space
     lam, mu : (n_cells,) arrays
-        Lame's constants, force per area. In plane stress, `lam` is the reduced constant. Both are zero on cells with
-        another material.
+        Lame's constants, force per area. In plane stress, `lam` is the reduced constant. Cells where both are zero have
+        no stiffness.
     stabilisation : {"shear", "unit"}, or Stabilisation
         The stabilisation S_K: see :mod:`vemcvx.vem.stabilisation`.
 

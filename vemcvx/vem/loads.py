@@ -84,7 +84,7 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
 
 
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
-    """Return the load of a force per length (in space: per area) on a part of the boundary.
+    """Return the load of a traction on a part of the boundary.
 
     Parameters
     ----------

@@ -272,7 +272,7 @@ class PolyhedronGroup(CellGroup):
 
 
 def second_moments(about: Floats) -> Floats:
-    """Return int_K x x' dx for polygons with the vertices `about`."""
+    """Return int_K x x' dx for polygons K."""
     after = np.roll(about, -1, axis=1)
     # The integral over the triangle (0, p, q) is (p x q) / 24 (pp' + qq' + (p + q)(p + q)').
     part = cross(about, after) / 24.0

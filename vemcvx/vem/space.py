@@ -52,7 +52,7 @@ class Space:
 
     @property
     def n_unknowns(self) -> int:
-        """The number of unknowns without supports, n_u = dim * n_nodes."""
+        """The number n_u = dim * n_nodes of displacement components."""
         return self.mesh.points.size
 
     @property

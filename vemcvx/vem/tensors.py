@@ -26,7 +26,7 @@ def component_names(dim: int) -> tuple[str, ...]:
 
 
 def isotropic_stress(value: Floats, dim: int) -> Floats:
-    """Return isotropic stresses with the normal stress `value`."""
+    """Return isotropic stresses with the given normal stress."""
     return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 

@@ -244,7 +244,7 @@ def common_rule(first: Mesh, second: Mesh) -> CommonRule:
 
 
 def _in_pyramids(first: Mesh, second: PolyhedralMesh) -> CommonRule:
-    """Return the rule with one point in each pyramid over a face of `second`."""
+    """Return the rule with one point in each pyramid over a face of the second mesh."""
     assert isinstance(first, PolyhedralMesh)
     cell, face = cell_of_corner(second.cell_offsets), second.cell_faces
     arms = second.face_centroids[face] - second.centroids[cell]

@@ -1,1 +1,1 @@
-"""Families of meshes of boxes, an L and rings."""
+"""Families of meshes: boxes, L-shaped domains, rings and discs."""

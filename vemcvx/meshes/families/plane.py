@@ -1,4 +1,4 @@
-"""Plane meshes of boxes, an L, rings and discs."""
+"""Plane meshes of boxes, L-shaped domains, rings and discs."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
 
 
 def mesh_from_rows(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
-    """Return the mesh of cells `rows`, with the points marked in `present`."""
+    """Return the mesh with the cells `rows` and the marked points."""
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))

@@ -4,7 +4,7 @@ Seeds near a side of the box are reflected in this side, so that no cell crosses
 seed to the centroid of the cell. In the plane, short edges are collapsed at the end. All three steps follow PolyMesher
 (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012, 309-328).
 
-Seeds lie in a scaled box, in which the mean area of cells (in space: the mean volume) is one.
+Seeds lie in a scaled box, in which the mean area or volume of cells is one.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def _relax(
     """Return points and Voronoi cells after Lloyd's iteration."""
     seeds = _sort_by_rows(np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size)[0]
     for _ in range(relaxations + 1):
-        # Without mirror images, few seeds may lie on one line.
+        # If there are few seeds, all are reflected, because they may lie on one line.
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)

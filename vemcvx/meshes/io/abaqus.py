@@ -1,6 +1,6 @@
 """Reading of Abaqus input files: nodes, elements, sets and surfaces.
 
-Sets with the same name in several instances are joined. In one instance, the elements of a joined set form the set
+Sets with the same name in several instances are joined. The elements of one instance also form the set
 "Instance.Set". A note lists unread parts of the file.
 """
 
@@ -122,7 +122,7 @@ class _Deck:
             taker(options, rows)
 
     def place(self, part: str, name: str, moves: Iterable[list[float]] = ()) -> None:
-        """Read a part as the instance `name`, translated and rotated by `moves`."""
+        """Read a part as an instance, translated and rotated."""
         self.scope, self.moves, self.part = name, list(moves), ""
         self.placed.add(part)
         for block in self.parts.get(part, []):

@@ -73,7 +73,7 @@ def take_groups(
 
 
 def to_meshio(grid: Grid) -> meshio.Mesh:
-    """Return a mesh of meshio. The cell datum `CELL` has the old order."""
+    """Return a mesh of meshio. The cell datum `CELL` holds the old positions of cells."""
     import meshio
 
     counts = np.diff(grid.offsets)

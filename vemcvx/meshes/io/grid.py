@@ -1,6 +1,6 @@
 """Grids: lists of cells with data and named sets, as in files and other libraries.
 
-Boundary edges (in space: boundary faces) are cells of a grid, too. A named set of boundary cells becomes a boundary of
+Boundary edges or faces are cells of a grid, too. A named set of boundary cells becomes a boundary of
 the mesh. Files store the boundary as a cell datum "boundary:<name>". A named set of other cells becomes a cell datum.
 Both kinds of data are 1 in the set and 0 outside.
 

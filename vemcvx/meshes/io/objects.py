@@ -108,8 +108,8 @@ def convert(other: Any) -> AnyTessellation | Any:
     Parameters
     ----------
     other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
-        Named boundaries and physical groups become boundaries, and so do sets of lines, or of polygons in space.
-        Subdomains and other sets of cells become cell data of 0 and 1.
+        Named boundaries become boundaries, and so do sets and groups of edges or faces. Subdomains, sets and groups of
+        cells become cell data of 0 and 1.
 
     Returns
     -------

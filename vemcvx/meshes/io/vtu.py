@@ -160,7 +160,7 @@ def _pack_grid(grid: Grid) -> ElementTree.Element:
     types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
     cells: dict[str, NDArray[Any]] = {"connectivity": grid.vertices, "offsets": grid.offsets[1:], "types": types}
     if grid.faces is not None:
-        # A cell begins with the number of faces. A face has the number of nodes, then the nodes.
+        # A cell begins with the number of faces, and a face with the number of nodes.
         faces = grid.faces
         stream = np.insert(faces.vertices, faces.offsets[:-1], np.diff(faces.offsets))
         starts = (faces.offsets + np.arange(len(faces.offsets)))[faces.cell_offsets]

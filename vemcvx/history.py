@@ -63,7 +63,7 @@ class History(Results, Outlined):
     units : dict of str to str, or None
         Names of units, such as {"length": "mm"}.
     begins : {"given", "equilibrium", "settled", "projected", "continued"}
-        The kind of the argument `initial` of :func:`vemcvx.simulate`; "given" for nodal values, or after reading files.
+        The kind of `initial` in :func:`vemcvx.simulate`: "given" for nodal values, and after `read_history`.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class History(Results, Outlined):
         Parameters
         ----------
         point, normal : (dim,)
-            A point of the plane (in a plane body, of the line), and a normal, which points to the part ahead.
+            A point of the plane, and a normal that points to the part ahead. In a plane body, the plane is a line.
         on : str or sequence of str, optional
             Names of cell data, such as names of bodies. Only cells with a nonzero datum are included.
 
@@ -154,7 +154,7 @@ class History(Results, Outlined):
         ----------
         name : {"steps", "contact"}
             "steps": energies, certificates and iterations of every step, stored or not. "contact": the arrays of
-            :class:`vemcvx.Contact` at every contact node and stored step; in the plane also the "piece" of the
+            :class:`vemcvx.Contact` at every contact node and stored step. Plane bodies also have the "piece" of the
             contact boundary and the arc length "s" on this piece (:mod:`vemcvx.results.arc`). Components of vectors are
             separate columns, such as "slip_x".
 

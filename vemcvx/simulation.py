@@ -74,7 +74,7 @@ def simulate(
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs with neither friction nor one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
-        The displacement at times[0]. None is zero. "equilibrium" is the solution of a(u_0, .) = l(0), without friction.
+        The displacement at times[0]. None is zero. "equilibrium" solves a(u_0, .) = l(times[0]), without friction.
         "settled" is the result of one step from zero. :func:`vemcvx.projected` gives the projection P^h u_0. A history
         is continued on the same mesh. Slip, wear, work and dissipation add up.
     store : "all", "last", int n or sequence of int
@@ -85,7 +85,7 @@ def simulate(
     condense : bool
         Eliminate unknowns that have neither friction nor contact. Runs with Viscosity or dashpots keep all unknowns.
     linear : LinearSolver, optional
-        SuperLU(), Pardiso(), Iterative() or PETSc(). The default depends on the problem size and on the packages.
+        SuperLU(), Pardiso(), Iterative() or PETSc(). The default depends on problem size and installed packages.
     progress : callable (step, steps), or False
         Called after each step.
     stream : path, optional
@@ -93,7 +93,7 @@ def simulate(
     resume : bool
         True: continue the run in the folder `stream`. False: replace the run.
     bound : bool
-        Compute lower and upper bounds on the mesh error of every step (:func:`vemcvx.error_bound`). Store all steps.
+        Compute bounds on the mesh error of every step (:func:`vemcvx.error_bound`). `store` must be "all".
 
     Returns
     -------
@@ -278,7 +278,7 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
     P^h is defined in (2.11) and (3.26) of the paper. A step at times[0] leads from P^h u_0 to the initial state, which
-    obeys (2.1) on the mesh. If this step is large, a warning says that u_0 violates (2.1) or the mesh is coarse.
+    obeys (2.1) on the mesh. If displacements change much, a warning says that u_0 violates (2.1) or the mesh is coarse.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """A table of strings (in CSV, also numbers). In a heading, a line break precedes the unit."""
+    """A table of strings, or of numbers for CSV. In a heading, a line break precedes the unit."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Any]]

@@ -35,8 +35,8 @@ class Law:
         Weights >= 0 for normal forces p >= 0. `past` (m,) is the sum of |slip| over earlier steps; `slip` (m,) is
         |slip| of the step.
     softening : number or (m,) array, optional
-        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. If None, no
-        check is made that a step has one solution (:mod:`vemcvx.stepping.refusals`).
+        The largest decrease of a weight per unit slip (force per length), for laws that do not depend on p. If None,
+        steps with several solutions cause no warning (:mod:`vemcvx.stepping.refusals`).
     pressed : bool
         True if weights depend on normal forces; an effect then needs one-sided contact on the same boundary. If False,
         an effect gets an empty array p.

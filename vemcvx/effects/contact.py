@@ -128,7 +128,7 @@ class UnilateralContact(Effect):
     on : str or sequence of str
         Names of boundaries or interfaces, as for BilateralContact.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, length. The smaller gap holds at nodes with two gaps.
+        Distance to the obstacle along n in the undeformed state, length. At nodes with two gaps, the smaller gap acts.
         For a negative gap (press fit), use ``initial="settled"``, or let the gap fall from zero.
 
     Examples

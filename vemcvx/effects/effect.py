@@ -162,7 +162,7 @@ class ContactSurface:
     subject: str  # the name of the effect in messages
     nodes: Ints  # (m,)
     normals: Floats  # (m, dim) outward unit normals
-    lengths: Floats  # (m,) integrals of basis functions over edges (in space: faces) with this normal
+    lengths: Floats  # (m,) integrals of basis functions over edges or faces with this normal
     ends: EdgeEnds | None = field(default=None, kw_only=True)  # the edges at each row; None if unknown
     partners: Ints | None = field(default=None, kw_only=True)  # (m,) opposite nodes at interfaces, else -1
 

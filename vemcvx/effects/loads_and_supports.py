@@ -224,7 +224,7 @@ class Symmetry(Effect):
 
 @dataclass(frozen=True)
 class PrescribedDisplacement(Effect):
-    """Given displacements of a part of the boundary: all components, or one.
+    """Given displacements of a part of the boundary: all components, or one component.
 
     `history.reaction` is the force that causes these displacements.
 
@@ -382,7 +382,7 @@ class Pretension(Effect):
 
     The interface `on` cuts the bolt. Both sides of the cut are bonded, except for a uniform jump along the mean normal.
     The jump is the shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump
-    is constant. `history.force` of this effect is the force across the cut on the first body: tension and shear.
+    is constant. `history.force` of this effect is the force on the first body at the cut: tension and shear.
 
     Parameters
     ----------

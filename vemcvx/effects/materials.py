@@ -429,8 +429,8 @@ class Prestress(Effect):
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
-        Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz without hoop
-        stress. Force per area at centroids, tension positive.
+        Components xx, yy, xy; in space (6,) xx, yy, zz, xy, yz, xz; in a body of revolution rr, zz, rz (no hoop
+        stress). Force per area at centroids, tension positive.
     on : str or sequence of str, optional
         Names of cell data. The stress acts in cells with a nonzero value; by default, in all cells.
 

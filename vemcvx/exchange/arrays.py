@@ -8,7 +8,7 @@ is soft: the term (D_j d - e_j)_+^2 / (2 c_j) replaces the limit. An NPZ archive
     K               (n, n), dense; or K_data, ... if K is sparse
     g, w, b, e, c   vectors
     N               (n, k), orthonormal basis of the kernel of K; k = 0 if K is positive definite
-    d, lam, p       of a solved program: the answer d, the multipliers lam of norm terms and p of limits
+    d, lam, p       of a solved program: the answer d, and the multipliers
     step, t         of a solved program: number and instant of the step
 
 A sequence is an archive of successive steps with the same K, B, D, c and N. All other arrays have one row per step.

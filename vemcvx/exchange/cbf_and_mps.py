@@ -170,7 +170,7 @@ def to_mps(program: StepProgram, suffix: str = ".mps") -> dict[str, bytes]:
     A, bounds = sp.block_array(blocks), np.concatenate([program.b, -program.b, program.e])
     quadratic = sp.block_diag([sp.triu(sp.csr_matrix(operators.K)), sp.csr_matrix((m, m)), c], format="csr")
     rows, columns = _names(n, m, r)
-    entries = [(j, -1, repr(x)) for j, x in enumerate(np.append(-program.g, program.w).tolist())]  # with zeros
+    entries = [(j, -1, repr(x)) for j, x in enumerate(np.append(-program.g, program.w).tolist())]  # including zeros
     lines = [f"* {_head(program)}", "NAME vemcvx", "ROWS", " N cost", *(f" L {name}" for name in rows[:-1])]
     lines += ["COLUMNS"]
     lines += [f" {columns[j]} {rows[i]} {x}" for j, i, x in sorted([*entries, *triplets(sp.csr_matrix(A.T))])]

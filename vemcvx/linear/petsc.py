@@ -171,7 +171,7 @@ class Ranks:
         return x, 0 if ksp.getConvergedReason() > 0 else 1
 
     def cycle(self, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return M b (None above rank 0) for the multigrid cycle M, and 0."""
+        """Return (M b, 0) on rank 0, else (None, 0)."""
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
@@ -206,7 +206,7 @@ def all_ranks() -> Ranks:
 
 
 def serve() -> bool:
-    """Return False on rank 0. On other ranks, serve rank 0 until the end, and return True.
+    """Return False on rank 0. On other ranks, serve rank 0 until the end of the run, and return True.
 
     Examples
     --------

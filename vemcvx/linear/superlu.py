@@ -48,7 +48,7 @@ class SuperLUFactor(Factor):
         self._K, self._order = K, np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        # Symmetric mode halves the time. Without equilibration, a power of two in K scales the factors exactly.
+        # Symmetric mode halves the time. Without equilibration, powers of two in K do not change rounding errors.
         options = {"SymmetricMode": True, "Equil": False}
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)

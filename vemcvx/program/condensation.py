@@ -8,7 +8,7 @@ is a force on the retained unknowns:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
-Let xi_f and tau_f be the vectors of a force f. A state y under f, with the retained unknowns y_c, obeys
+Let f be a force, reduced to xi_f and tau_f. A state y under f, with the retained unknowns y_c, obeys
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau'y_c.

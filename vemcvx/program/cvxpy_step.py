@@ -105,6 +105,6 @@ def to_cvxpy(operators: Operators, data: Sequence[Floats] | None, stuck: Bools) 
             lam[stuck] = np.reshape(still[0].dual_value, (-1, block))
         return lam, p
 
-    # SCS fails without constraints, and OSQP prints if no constraint is active.
+    # SCS fails without constraints, and OSQP prints text if no constraint is active.
     idle = 0.0 if block > 1 and (sides or limits) else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), [*sides, *still, *limits]), d, multipliers, parameters)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 STILL_TOLERANCE = 1e-9
-"""Slips B d - b and excesses D d - e count as zero below this fraction of the largest motion of a row."""
+"""Slips B d - b and excesses D d - e count as zero below this fraction of the largest motion."""
 GAIN_TOLERANCE = 1e-9
 """Largest gain in `find_unbalanced_motion` that counts as zero, relative to the load."""
 

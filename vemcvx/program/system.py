@@ -297,7 +297,7 @@ class System(ArrayRecord):
     norms : Norms, optional
         Norm terms: friction.
     motion : Motion, optional
-        Energy, slip and gaps of moving supports.
+        The contributions of moving supports.
     order : (n,) permutation, or callable () -> (n,) permutation, optional
         An order of elimination with little fill, for linear solvers that compute no order.
     near_kernel : (n, k) array, optional
@@ -428,14 +428,14 @@ class System(ArrayRecord):
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def remaining_gap(self, t: float) -> Floats:
-        """Return the limits e (r,) at the instant `t`, minus the motion of supports."""
+        """Return the gaps (r,) for y = 0 at the instant `t`."""
         if self.limits is None:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
     def slip_of_supports(self, t: float) -> Floats:
-        """Return the slip (m * block,) of moving supports at the instant `t`, relative to the ground."""
+        """Return the slip (m * block,) due to supports and ground at the instant `t`."""
         given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
         return given if (ground := self.ground(t)) is None else given - ground
 
@@ -448,7 +448,7 @@ class System(ArrayRecord):
         return finite(as_shaped_array(raw, subject, f"({rows},) displacements, one per row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
-        """Return the given linear solver, or choose one."""
+        """Return the given linear solver, or the default."""
         if asked is not None:
             try:
                 signature(asked.factorise).bind(self.K, None)

@@ -1,7 +1,7 @@
 """Rows of contact: linear functions of displacements u at nodes.
 
 A node i touches an obstacle, or a *partner* node j on another body. The *jump* is u(i) at an obstacle, and
-u(i) - u(j) at a partner. The row is n . jump, with the outward normal n at i, or a tangent n. The *ends* of a row are
+u(i) - u(j) at a partner. The row is n . jump, where n is the outward normal or a tangent at i. The *ends* of a row are
 the contact edges or faces at i. The length of an end is the integral of the basis function of node i.
 """
 
@@ -77,7 +77,7 @@ class ContactRows:
     partners: Ints  # partner j of each row, or -1 (m,)
     normals: Floats  # outward unit normals (m, dim)
     ends: sp.csr_matrix  # lengths of ends (m, e)
-    names: Ints  # of each end: node i, and the other node (in space the face) or -1 (e, 2)
+    names: Ints  # (e, 2) node i, then the edge's other node, or in space the face; -1 if none
 
     @classmethod
     def from_parts(cls, parts: Sequence[ContactSurface], dim: int) -> ContactRows:
@@ -144,7 +144,7 @@ class ContactRows:
         return replace(self[first], ends=ends)
 
     def shares(self, other: ContactRows) -> sp.csr_matrix:
-        """Return the matrix that distributes forces on `other` over this table."""
+        """Return the matrix that distributes forces on `other` over the rows of this table."""
         common = sp.csr_matrix((self.ends > 0).astype(float) @ other.ends.T)
         return sp.csr_matrix(common @ sp.diags_array(1.0 / other.lengths))
 

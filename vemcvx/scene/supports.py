@@ -93,7 +93,7 @@ class Supports:
         return B
 
     def free_directions(self, corners: Ints, side: Ints) -> Floats:
-        """Return projectors (b, dim, dim) onto the free directions of sides."""
+        """Return projectors (b, dim, dim) onto directions that are free at a corner of a side."""
         dim = self.points.shape[1]
         nodes, place = np.unique(corners, return_inverse=True)
         rows = self.P[(dim * nodes[:, None] + np.arange(dim)).ravel(), : self.P.shape[1] - self.amplitudes]

@@ -1,4 +1,4 @@
-"""Solvers of one step's convex program, of different kinds."""
+"""Solvers of a step's convex program."""
 
 from vemcvx.solvers.conic import OSQP, TUNED, Clarabel, ThroughCvxpy, interfaces, list_installed
 from vemcvx.solvers.default import Direct, Solves, as_solver, choose_solver

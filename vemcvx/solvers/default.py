@@ -62,7 +62,7 @@ class AdaptedSolver(Solver):
         self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
-        """Return the name and public settings, the same text in every process."""
+        """Return the name and the settings, without memory addresses."""
         own = {name: value for name, value in getattr(self._own, "__dict__", {}).items() if name[0] != "_"}
         plain = {name: value for name, value in own.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}

@@ -382,7 +382,7 @@ class Balanced:
 
     force: Floats
     near: Floats
-    settle: bool = True  # True if one step from y follows
+    settle: bool = True  # True to take one step from y
 
 
 @dataclass(frozen=True, eq=False)
@@ -463,7 +463,7 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
 
 
 def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
-    """Return the state after one step at the same instant, certified in full."""
+    """Return the state after a step of length zero, certified in full."""
     posed = pose_step(run, given, given.data, given.weights[: run.operators.count])
     settled = certify_in_full(run, posed.solve(0))
     if check:

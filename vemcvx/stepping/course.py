@@ -16,7 +16,7 @@ from vemcvx.base.arrays import Floats
 from vemcvx.program.system import System
 
 BEND_TOLERANCE = 1e-6
-"""Smallest change of slope at a bend, times the interval, relative to the largest value."""
+"""Smallest (change of slope) x (interval) at a bend, relative to the largest value."""
 JUMP_WIDTH = 1e-9
 """Largest length of a step across a jump, relative to the run."""
 
@@ -26,7 +26,7 @@ class Course:
     """Samples of data in time, with bends, turns and jumps."""
 
     times: Floats  # (q,) instants of the samples
-    values: Floats  # (q, k) weighted sums of data, of size at most one
+    values: Floats  # (q, k) weighted sums of data, scaled to at most 1
     bends: Floats  # (b,) instants of bends and turns, and two instants per jump
     jumps: tuple[str, ...]  # one sentence for each jump
 
@@ -84,7 +84,7 @@ def _bends(times: Floats, values: Floats) -> Floats:
     slopes = np.diff(values, axis=0) / width[:, None]
     apart, curved = slopes[2:] - slopes[:-2], np.abs(np.diff(slopes, axis=0)).max(axis=1)
     size, far = np.abs(apart).max(axis=1), np.maximum(np.append(0.0, curved[:-2]), np.append(curved[2:], 0.0))
-    # At a bend, the slope changes over eight times as much as in neighbouring intervals.
+    # At a bend, the slope changes more than eight times as much as in neighbouring intervals.
     j = np.flatnonzero((size * width[1:-1] > BEND_TOLERANCE) & (size > 8.0 * far))
     k = np.abs(apart[j]).argmax(axis=1)
     after = (values[j + 1, k] + slopes[j + 2, k] * width[j + 1] - values[j + 2, k]) / apart[j, k]

@@ -177,7 +177,7 @@ class State:
     unbalanced: Floats  # load - K y
     data: StepData
     weights: Floats  # (terms,) weights of the last step
-    bound: Floats  # (terms,) weights under the slips at the end of the step
+    bound: Floats  # (terms,) weights with the slips of the step added to past slips
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the last step

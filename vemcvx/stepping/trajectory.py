@@ -97,7 +97,7 @@ class Trajectory(ArrayRecord):
     times : (N + 1,) array
         All instants.
     stored : (S,) array
-        Step numbers of the rows of all arrays (S, ...).
+        Numbers of the stored steps.
     state, velocity : (S, n) arrays
         Unknowns y_n, and velocities (y_n - y_{n-1}) / k_n with the length k_n of the step; None without damping.
     multipliers, pressures : (S, m, block) and (S, r) arrays
@@ -133,7 +133,7 @@ class Trajectory(ArrayRecord):
     initial : (n,) array
         Unknowns y at the initial instant.
     work_begun : float
-        `work_second_order` at the initial instant: zero, or the work of an earlier run that is continued.
+        The work (second order) of an earlier run that is continued, else zero.
 
     Examples
     --------
@@ -213,7 +213,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        Let u_n* be the exact states. With given weights and without limits, |u_n - u_n*|_a <= this error times `unit`.
+        If weights are data and limits are absent, |u_n - u_n*|_a <= this error times `unit` for exact states u_n*.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 

@@ -380,7 +380,7 @@ print(f"largest force {alpha.value:.8f}; motion {motion.round(4)}")
 # The multipliers of the balance are the rigid motion $\xi$ in which the plate fails: a rotation about a point of its
 # axis.
 #
-# To see this, exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction over all
+# We exchange maximum and minimum as in lesson 9. The dual program minimises the work of friction over all
 # motions in which the push does the work 1:
 #
 # $$\alpha^* = \min_\xi \sum_i w_i\, |N_i \xi| \quad \text{subject to} \quad f^T \xi = 1 .$$

@@ -81,9 +81,9 @@ block_and_spring()
 # %% [markdown]
 # ## 2. One step in time, and the program
 #
-# Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, where $u_{prev}$ is the position one time step $k$ earlier.
-# Every velocity has the form $(v - u_{prev})/k$ with a position $v$. We insert this form for the test velocity. Then
-# $k$ cancels (lesson 4), and the inequality (2.34) of one step is
+# Backward Euler replaces $\dot u$ by $(u - u_{prev})/k$, with the position $u_{prev}$ one time step $k$ earlier. We
+# write the test velocity as $(v - u_{prev})/k$ with a position $v$. Then $k$ cancels (lesson 4), and the inequality
+# (2.34) of one step is
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
@@ -96,8 +96,8 @@ block_and_spring()
 # the inequality. $\square$
 #
 # If the minimum of $P$ lies at the kink, the block sticks. If not, the derivative of $P$ vanishes at the minimum: at
-# $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases the new position is
-# the old position, clipped to the interval between $(f - w)/K$ and $(f + w)/K$:
+# $u = (f - w)/K$ to the right of the kink, or at $u = (f + w)/K$ to the left. In all three cases $u$ is the old
+# position, clipped:
 #
 # $$u = \mathrm{clip}\Bigl(u_{prev},\; \frac{f - w}{K},\; \frac{f + w}{K}\Bigr).$$
 

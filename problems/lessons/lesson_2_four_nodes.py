@@ -17,9 +17,9 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Springs join four blocks in a row, and another spring ties block 4 to a wall. All springs have stiffness 1. The first
-# block is pulled. Block $i$ has the friction bound $w_i$. As in lesson 1, the step (2.34) from the positions $u_{prev}$
-# to the positions $u$ minimises the energy
+# Springs of stiffness 1 join four blocks in a row, and tie block 4 to a wall. Block 1 is pulled. Block $i$ has the
+# friction bound $w_i$. As in lesson 1, the step (2.34) from the positions $u_{prev}$ to the positions $u$ minimises
+# the energy
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\
 #   K = \begin{pmatrix} 1 & -1 \\ -1 & 2 & -1 \\ & -1 & 2 & -1 \\ & & -1 & 2 \end{pmatrix}. \end{gathered}$$
@@ -54,8 +54,10 @@ print("positions", np.round(u.value, 6) + 0.0)
 #
 # How accurate is the solver? Clarabel stops at a gap of about 1e-8. As in lesson 1, the gap bounds the error $e$ of the
 # positions in the *energy norm*: $\sqrt{e^T K e} \le \sqrt{2 \cdot 10^{-8}} \approx$ 1.4e-4. The smallest eigenvalue of
-# $K$ is 0.12, so $|e|$ is at most 4.1e-4. For a block $i$ that sticks in the solution, a much smaller bound holds. If
-# the computed slip of this block is $s_i$, the gap is at least (lesson 6)
+# $K$ is 0.12, so $|e|$ is at most 4.1e-4.
+#
+# For a block $i$ that sticks in the solution, a much smaller bound holds. If the computed slip of this block is $s_i$,
+# the gap is at least (lesson 6)
 #
 # $$(w_i - |\lambda_i|)\,|s_i|$$
 #

@@ -43,7 +43,7 @@ class LimitLoad(ArrayRecord):
     motion : (n_nodes, dim) array
         Displacements of the nodes in the mechanism, on which the load does the work 1.
     mechanism : str
-        The mechanism in words.
+        The mechanism in words, not to scale.
 
     Examples
     --------

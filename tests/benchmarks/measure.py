@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """A measured ratio, in wall seconds and in CPU seconds."""
+    """A measured time and a reference time, in wall seconds and in CPU seconds."""
 
     name: str
     seconds: float

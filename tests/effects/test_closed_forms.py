@@ -22,7 +22,7 @@ SIDES = [("left", "right"), ("front", "back"), ("bottom", "top")]
 
 @dataclass
 class Body:
-    """A block, and its elastic constants as a plate or a solid."""
+    """A block in the plane or in space, with its elastic constants."""
 
     mesh: object
     material: vx.Elasticity

@@ -84,7 +84,7 @@ def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
 
 
 def test_springs_hold_only_the_motions_that_stretch_them():
-    """Normal springs on a side do not prevent sliding along the side. Springs on one piece do not hold another."""
+    """Normal springs on a side do not prevent sliding along the side. Springs on one piece hold no other piece."""
     one = vx.meshes.squares(3)
     points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
     two = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])

@@ -1,4 +1,4 @@
-"""Tabulated data and interpolating functions are equal."""
+"""A table of data equals the function that interpolates it."""
 
 import numpy as np
 

@@ -31,7 +31,7 @@ def simulated(scene, kind, *args):
 
 @pytest.fixture(scope="module", autouse=True)
 def clear_references():
-    """Free the reference runs after this file."""
+    """Delete the reference runs after the tests of this file."""
     yield
     simulated.cache_clear()
 

@@ -67,7 +67,7 @@ QUICK = ("a patch of the bound", "a strip of traction", "a bump of the obstacle"
 
 
 def measure_effectivity(scene, mesh, truth):
-    """Return (estimated error) / (true error), with the moduli of `truth`."""
+    """Return (estimated error) / (true error). The history `truth` is the reference."""
     history = vx.simulate(scene, mesh, TIMES, store="last")
     budget = error_budget(history)
     if budget.scale == 0.0:

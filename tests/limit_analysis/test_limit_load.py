@@ -43,7 +43,7 @@ def solve_statics(points, ways, dead, push, friction):
 
 
 def rest_on_floor(friction, *others):
-    """Return the scene of a body under a pressure of 3 on a floor with Coulomb's friction."""
+    """Return the scene of a body on a floor with Coulomb's friction. The pressure 3 acts on the top."""
     floor = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(friction, on="bottom")
     return vx.Scene(STEEL, vx.Pressure(3.0, on="top"), *floor, *others)
 

@@ -136,7 +136,7 @@ def test_beside_the_factor_slip_stops_or_goes_on(push):
 
 
 def test_only_changes_since_the_first_instant_are_multiplied():
-    """The first instant of the cycle and constant loads do not change the factor."""
+    """The cycle may begin at any instant. A constant load does not change the factor."""
     mesh, load = plane_mesh(), vx.Traction((0.7, 0.1), on="right")
     factors = [vx.shakedown(held(), mesh, CYCLE + start).factor for start in (0.0, 0.25)]
     assert factors[0] == pytest.approx(factors[1], rel=1e-8)

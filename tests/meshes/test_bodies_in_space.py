@@ -110,7 +110,7 @@ def test_a_tolerance_matches_points_rounded_to_seven_digits():
 
 
 def test_cylinders_of_equal_sectors_match_and_others_are_refused():
-    """Tubes match for different layers along the axis. Tubes with unequal or rotated sectors do not match."""
+    """Tubes with different layers along the axis match. Tubes with unequal or rotated sectors do not match."""
     pin, lug = ring([0.4, 1.0], 16, 2), ring([1.0, 2.0], 16, 3)
     for meshes in ({"pin": pin, "lug": lug}, {"lug": lug, "pin": pin}):
         mesh = bodies(meshes)

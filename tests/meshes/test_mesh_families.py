@@ -182,7 +182,7 @@ def measure_edges(mesh):
 
 @mostly_long("cells", [1, 2, 3, 50], 0, 2)
 def test_voronoi_makes_the_requested_number_of_cells(cells):
-    """In narrow boxes, corners and short edges across the box are kept."""
+    """Meshes of narrow boxes keep the corners and the short edges across the box."""
     for width, options in ((5.0, {}), (1e-3, {"shortest": 0.1}), (1e3, {"shortest": 0.1})):
         mesh = meshes.voronoi(cells=cells, box=((0.0, width), (0.0, 1.0)), seed=4, **options)
         PolygonMesh(mesh.points, mesh.cells)

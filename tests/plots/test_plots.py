@@ -167,7 +167,7 @@ def test_contact_on_two_sides_is_drawn_over_arc_length_in_two_parts():
     assert line.label == "arc length $s$"
     assert sorted(line.order) == list(range(len(history.contact.nodes)))
     assert len(line.gaps) == 1
-    # The clamp owns half an edge at the end of each part.
+    # Half an edge at the end of each part belongs to the clamp.
     assert np.diff(line.limits, axis=1).sum() == pytest.approx(4.0 - 2 * (2 / 12) / 2)
     x, traction = history.contact.points[line.order], history.contact.traction
     below = x[:, 1] == 0

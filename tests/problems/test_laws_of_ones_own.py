@@ -1,4 +1,4 @@
-"""Problems with a user's law of friction or of glue, against their closed forms."""
+"""Problems with a user's law of friction or glue, against closed forms."""
 
 from __future__ import annotations
 

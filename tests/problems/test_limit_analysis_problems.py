@@ -1,4 +1,4 @@
-"""The problems of limit loads and shakedown, against closed forms and beside simulations."""
+"""The problems of limit loads and shakedown, compared with closed forms and with simulations."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_in_100_cycles_slip_stops_below_the_factor_and_goes_on_above():
         for part in (0.98, 1.02)
     )
     assert len(below) == 100
-    # Only the first cycle slips; the work of later cycles is rounding.
+    # Only the first cycle slips. The work of later cycles is a rounding error.
     assert below[0] > 1e-4
     assert below[1:].max() < 1e-10 * below[0]
     assert above[50:] == pytest.approx(above[-1], rel=1e-6)

@@ -59,7 +59,7 @@ def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
     T = play(lesson.BOUND * x, pull)[lesson.turning_instants(pull, lesson.TURNS)]
     middle = 0.5 * (T[:, 1:] + T[:, :-1])
     integral = np.cumsum(middle[:, ::-1], axis=1)[:, ::-1] * (x[1] - x[0])
-    # The slope of T jumps at two points. There the trapezoidal rule has errors of (jump) * (step)^2 / 8.
+    # At the two jumps of the slope of T, the trapezoidal rule has errors of (jump) * (step)^2 / 8.
     assert np.abs(u[:, :-1] - integral).max() < 2 * 2 * lesson.BOUND * (x[1] - x[0]) ** 2 / 8
     lost = lesson.table_dissipation((0, 1.5, -1.5, 1.5))
     assert lost[-1] - lost[1] == pytest.approx(lesson.HEIGHT * 3**3 / (12 * lesson.BOUND), rel=1e-14)

@@ -56,7 +56,7 @@ def test_the_errors_of_table_1_come_from_the_mesh_and_not_from_the_steps():
 @pytest.mark.slow
 @pytest.mark.parametrize("stabilisation", ["unit", "shear"])
 def test_our_errors_have_the_stated_digits_and_differ_from_the_printed_numbers(stabilisation):
-    """For every kind of error, at least one of our numbers differs from the printed number by more than a tenth."""
+    """For every kind of error, at least one of our numbers differs from the printed number by more than 10 %."""
     printed = np.array(list(figures.PRINTED_ERRORS.values()))
     found = figures.errors(stabilisation=stabilisation)
     for kind, stated in OURS[stabilisation].items():

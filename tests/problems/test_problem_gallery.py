@@ -184,7 +184,7 @@ def test_a_silo_hangs_on_its_walls():
 
 @pytest.mark.long
 def test_a_beam_meets_its_stop():
-    """The deflection has an error O(h^2). The force of the stop is within one per cent of Timoshenko's beam."""
+    """The deflection has an error O(h^2). The force of the stop is within one per cent of Timoshenko's theory."""
     history = run_small(beam)
     force = beam.FORCE * history.times
     end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
@@ -257,7 +257,6 @@ def test_a_rigid_punch_tilts():
 
 
 def test_the_joint_diagram_of_a_bolt():
-    """Forces are exact before the joint opens, when it is open, and when it is released."""
     history = run_small(diagram)
     bolt, sleeve = history.force("shank|head")[:, 1], history.force("left|cap")[:, 1] + history.force("right|cap")[:, 1]
     assert bolt == pytest.approx(diagram.bolt_force(history.times), abs=FLOOR * diagram.OPENS)

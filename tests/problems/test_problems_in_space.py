@@ -30,7 +30,7 @@ FLOOR = 1e-9
 
 
 def simulate(problem, n, steps=None, family=None, mesh=None, **parameters):
-    """Simulate a problem with the accuracy and, by default, the steps in `SMALL`."""
+    """Simulate a problem. `problem.SMALL` has the accuracy and the default number of steps."""
     mesh = mesh or (problem.mesh(n) if family is None else problem.mesh(n, family=family))
     small, initial = getattr(problem, "SMALL", {}), getattr(problem, "initial", None)
     times, solver = problem.times(steps or small["steps"]), vx.Newton(small.get("accuracy", 1e-8))

@@ -1,4 +1,4 @@
-"""The problems with laws of slip rates and with contact in velocities, against their closed forms."""
+"""Problems with laws of slip rates or with dashpots, against closed forms."""
 
 from __future__ import annotations
 

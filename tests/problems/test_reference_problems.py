@@ -86,7 +86,7 @@ def test_a_viscous_bar_creeps_as_kelvin_and_voigt_say():
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @mostly_long("asperities", [False, True], 1)
 def test_a_beam_on_winklers_foundation(asperities):
-    """Deflections are within two per cent of a slender beam. On asperities the ends lift off."""
+    """Deflections are within two per cent of the theory of slender beams. On asperities the ends lift off."""
     # The springs are much softer than the plate, so the certified error is about 1e-8.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(winkler.scene(asperities), winkler.mesh(5), winkler.times(2), solver=solver)

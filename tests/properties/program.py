@@ -45,7 +45,7 @@ def objective_is_strongly_convex(case, size, seed, share):
 
 @for_all(case=cases(), exponent=st.floats(3, 8), which=st.sampled_from("NC"))
 def answers_obey_the_law_of_friction(case, exponent, which):
-    """Multipliers obey |lam_i| <= w_i, K y + B'lam = f within the certificate, and sum w|s| - lam.s <= gap.
+    """Multipliers obey |lam_i| <= w_i, K y + B'lam = f up to the certified error, and sum w|s| - lam.s <= gap.
 
     Each summand of the gap is between 0 and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
     w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with

@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding errors e of points rotate sides by up to 2 e / h = 16 e. The factor 100 covers slip, too."""
+    """Rounding errors e of points rotate sides by up to 2 e / h = 16 e."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")

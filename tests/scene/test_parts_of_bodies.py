@@ -63,7 +63,7 @@ def test_half_of_a_block_has_the_contact_fields_of_the_whole(contact):
     )
     # Coulomb's law is solved to 1e-8 in the energy norm.
     there, one, two = check_fields(half, whole, 1e-6 if contact == "Coulomb" else 1e-10), half.contact, whole.contact
-    # At the axis, the half body has one contact edge, and the whole body has two.
+    # On the line of symmetry, the half body has one contact edge, and the whole body has two.
     middle = np.abs(one.points[:, 0]) < 1e-14
     assert middle.sum() == 1
     assert one.lengths == pytest.approx(two.lengths[there] * np.where(middle, 0.5, 1.0), rel=1e-14)

@@ -97,7 +97,7 @@ def strain_at(circle, u, t, x):
         corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
         t_of = corners.min(axis=2).argmax(axis=1)
         every = np.arange(len(mine))
-        # In part k, the barycentric coordinate of corner k + 2 (mod 3) is smallest.
+        # A triangle has three parts. In part k, barycentric coordinate k + 2 (mod 3) is smallest.
         part = (corners[every, t_of].argmin(axis=1) + 1) % 3
         slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
         values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]

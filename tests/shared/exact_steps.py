@@ -155,7 +155,7 @@ class Step:
     lam: np.ndarray
     p: np.ndarray
     unit: int
-    """exponent of the unit, a power of two"""
+    """exponent: the unit of displacements is 2^unit"""
     K: Matrix
     slip_sets: np.ndarray
     acts: np.ndarray

@@ -22,7 +22,7 @@ def pull(x: Floats, t: float) -> Floats:
 
 
 def abstract() -> vx.Trajectory:
-    """Make systems of dense matrices, sparse matrices and lists, and march one of them."""
+    """Build systems from dense matrices, sparse matrices or lists, and march one system."""
     K = np.array([[2.0, -1.0], [-1.0, 1.0]])
     vx.System(sp.csc_array(K), lambda t: np.array([t, 0.0]), vx.Norms(sp.csr_matrix(K), lambda t: np.full(2, t)))
     vx.System([[2, -1], [-1, 1]], lambda t: [t, 0])

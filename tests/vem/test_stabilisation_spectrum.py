@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Relative tolerance of ratios. Linear elements inside the cell cause errors of energies up to .018."""
+"""Relative tolerance of ratios. Linear elements inside the cell have energy errors up to .018."""
 
 
 def make_rectangle(a, b):

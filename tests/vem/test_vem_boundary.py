@@ -46,7 +46,7 @@ def test_nodes_at_edges_and_corners_have_a_row_for_every_normal(make, names):
     assert rows.lengths.sum() == pytest.approx(dim, rel=1e-14)
     assert rows.matrix @ np.ones(len(rows.points)) == pytest.approx(rows.lengths, rel=1e-13)
     assert np.all(np.diff(rows.nodes) >= 0)
-    if dim == 2:  # the body is on the left
+    if dim == 2:  # the body lies to the left of the tangents
         assert np.array_equal(rows.tangents, rows.normals @ [[0.0, 1.0], [-1.0, 0.0]])
 
 

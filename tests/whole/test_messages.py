@@ -1,4 +1,4 @@
-"""`messages.txt` has calls and, in the lines below a call, the full sentence of the error.
+"""`messages.txt` lists calls. Below each call is the full sentence of the error.
 
 `python tests/whole/test_messages.py` writes the errors anew below all calls of the file.
 """
@@ -35,7 +35,7 @@ def load(t):
 
 
 def march(times=(0.0, 1.0), **parts):
-    """March the system K u = load, with further parts."""
+    """March the system K u = load."""
     options = {key: parts.pop(key) for key in ("solver", "initial", "store", "linear") if key in parts}
     return vx.march(vx.System(**{"K": K, "load": load, **parts}), times, **options)
 

@@ -178,7 +178,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values of contact rows at ends of boundary edges, or zero."""
-    # At interfaces, held ends have no row. They get the value at the other end of the edge.
+    # At interfaces, ends that supports hold have no row, and get the value at the other end of the edge.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -159,7 +159,7 @@ class Boundary:
 
     @cached_property
     def acting(self) -> tuple[Bools, Bools]:
-        """The masks (b,) of edges where friction can do work, and where obstacles can."""
+        """The masks (b,) of edges where friction can do work, and of edges where obstacles can do work."""
         slip, normal = self._effect_edges
         return slip & self._moves(self.edges.tangents), normal & self._moves(self.edges.units)
 
@@ -173,7 +173,7 @@ class Boundary:
         return found
 
     def off_supports(self, u: Floats, components: Callable[[Support], Floats]) -> tuple[Support | None, float]:
-        """Return the support with the largest difference from u, and the difference."""
+        """Return the support whose prescribed values differ most from u, and the difference."""
         ends, jumps, fine = u[self.edges.outer_edges], self.edges.jumps(u), self.reader.fine
         size, found, most = float(np.abs(u).max(initial=0.0)), None, 0.0
         for support in self.reader.supports:
@@ -307,7 +307,6 @@ class Boundary:
         (q, g), (p, acting), edges = friction, pressing, self.edges
         moved = [mode.reshape(-1, 2) for mode in self.motions.T]
         jumps = [edges.jumps(mode) for mode in moved]
-        # The work (2 b, j) of hat-function tractions on rigid motions.
         slip, outward = (
             self.forces_of(np.stack([along(one, ways) for one in jumps], axis=2)).reshape(-1, len(moved))
             for ways in (edges.tangents, edges.units)

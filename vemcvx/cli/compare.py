@@ -148,7 +148,6 @@ def bounds_distance(system: System) -> bool:
     """Return True if certificates bound the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
-    # Without norm terms, damping and rates, each step is independent.
     return system.norms is None and system.damping is None and not system.limits.rates.any()
 
 

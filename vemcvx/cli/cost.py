@@ -32,7 +32,7 @@ TABLE, PICTURE, ARCHIVE = "cost.csv", "cost.png", "reference.npz"
 
 
 def pose_point(path: Path, settings: Sequence[str], point: Point) -> Posed:
-    """Return the arguments of `simulate` for a point of the sweep."""
+    """Return the arguments of `simulate` for one run of the sweep."""
     problem, solver = read_problem(path), make_solver(point.solver, point.accuracy)
     return problem.pose(settings, problem.mesh(point.n, point.family), point.steps or 2, solver)
 
@@ -74,7 +74,7 @@ class Cost:
         say("\n".join([*lines, *advice(found.rows, targets or [0.05]), "", written]))
 
     def points(self, problem: Problem, targets: Sequence[float]) -> list[Point]:
-        """Return the points of the sweep."""
+        """Return the settings of all runs."""
         kinds = self._families(problem)
         ns = parse_list("--n", self.n or (SPACE_N if problem.in_space() else DEFAULT_N), _whole, WHOLE)
         steps = parse_list("--steps", self.steps, _whole, WHOLE)

@@ -57,7 +57,7 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> tuple[History, Row]:
-    """Return the history and the row of a point."""
+    """Return the history and the row of a run."""
     with quietly() as caught:
         # A small run triggers late imports before the timer starts.
         with suppress(VemcvxError):
@@ -93,7 +93,7 @@ def build_reference(recipe: Recipe, point: Point, instants: Floats, archive: Pat
 
 
 def measure_point(recipe: Recipe, point: Point, instants: Floats, archive: Path) -> Row:
-    """Return the row of a point, with the error in the energy norm."""
+    """Return the row of a run, including the error in the energy norm."""
     history, row = run_point(recipe, point, instants)
     fine = read_archive(archive)
     common = bool(abs(history.mesh.measures.sum() / fine.mesh.measures.sum() - 1.0) > SAME)
@@ -115,7 +115,7 @@ def run_to_row(point: Point, run: Callable[[], Row]) -> Row:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Rows of the points, the row of the reference, and the compared instants."""
+    """Rows of the runs, the row of the reference, and the compared instants."""
 
     rows: list[Row]
     reference: Row
@@ -130,7 +130,7 @@ def sweep(
     workers: int = 2,
     report: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Sweep:
-    """Run the reference and all points. At least one point must have a number of steps."""
+    """Run the reference and all points. At least one point must have a fixed number of steps."""
     n, counts = max(point.n for point in points), sorted({point.steps for point in points if point.steps})
     coarsest = replace(points[0], n=min(point.n for point in points), solver="newton", accuracy=1e-8, target=None)
     finer = replace(coarsest, n=2 * n, steps=4 * counts[-1])

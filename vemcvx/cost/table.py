@@ -82,7 +82,7 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> Iterator[str]:
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str) -> Figure:
-    """Draw true errors over costs, lines at error levels, and a band of unresolved errors."""
+    """Draw true errors over costs, with lines at error levels and a band of unresolved errors."""
     figure, found = new_figure(10.0, 4.4), [row for row in answers(rows) if row["error"] > 0]
     if not found:
         raise VemcvxError("no run has an answer")

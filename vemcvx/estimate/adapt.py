@@ -150,7 +150,7 @@ def adapt(
     ----------
     scene : Scene
     mesh : PolygonMesh or PolyhedralMesh
-        Coarse initial mesh with the boundaries that the scene names. In space, all cells are tetrahedra.
+        Coarse initial mesh with the boundaries that the scene names. In space, all cells must be tetrahedra.
     times : increasing sequence of instants
         Instants to store. The run begins at the first and ends at the last. The history also stores instants at which
         data bend, turn or jump (:func:`vemcvx.instants`). More instants are inserted where steps cause large errors.

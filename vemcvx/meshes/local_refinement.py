@@ -53,7 +53,7 @@ class Splitting(NamedTuple):
     all_long: Bools  # (n_cells,) True if all sides are long
     convex: Bools  # (n_cells,)
     places: Ints  # (n_cells,) number of split points
-    bend: Bools  # (m,) one flag for each entry of `mesh.vertices`
+    bend: Bools  # (m,) True if the vertex is a bend, for the m entries of `mesh.vertices`
     vertex: Bools  # (m,) True if the vertex is a split point
     edge: Bools  # (m,) True if the midpoint of the next edge is a split point
 
@@ -123,8 +123,8 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
     convex, four bends, long sides  the mean of the four bends
     not convex, four bends          (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells              the centroid
-    other cells                     the centroid if it lies 0.1 diameters or more to the left of all edges, else the
-                                    centre of the largest ball to the left of all edges
+    other cells                     the centroid if it is at least 0.1 diameters to the left of all edges, else the
+                                    centre of the largest disc to the left of all edges
     """
     centres = mesh.centroids.copy()
     bends = np.flatnonzero(splitting.bend)

@@ -242,7 +242,6 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Return positions in `_boundary` or -1, and descriptions."""
         rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
@@ -263,8 +262,7 @@ class Mesh(ABC):
         name : str
             Name of the part. A part with this name is replaced. Parts may overlap.
         predicate : callable
-            Function that takes the midpoints (m, 2) of edges, or in space the centroids (m, 3) of faces. It returns a
-            mask (m,).
+            A function of midpoints (m, 2) of edges, or in space of centroids (m, 3) of faces. It returns a mask (m,).
         of : str, optional
             Boundary or interface from which to choose; by default the whole boundary without interfaces.
         """
@@ -297,8 +295,9 @@ class Mesh(ABC):
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split, by default all cells. Tetrahedra are split into two parts or more, without `cells` into
-            eight parts or more. Further cells are split until an edge has at most one hanging node, or in space none.
+            Cells to split, by default all cells. Marked tetrahedra are split into two or more parts. Without `cells`,
+            tetrahedra are split into eight or more parts. Further cells are split until an edge has at most one hanging
+            node, or in space none.
 
         Raises
         ------

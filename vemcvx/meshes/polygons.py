@@ -270,7 +270,6 @@ def triangulate(polygons: NDArray[Any]) -> Triangles:
 
 
 def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return the corners (t, 3, 3) of triangles, and the polygon around each triangle."""
     import shapely
 
     parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)

@@ -122,7 +122,7 @@ def stressed_body(
     stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
         Principal stresses are stresses in the plane. Tension is red, and compression is blue.
     forces : {"contact", "friction", "none"}
-        "contact" draws arrows of pressure plus friction. Arrows are blue and thick where contact sticks, orange and
+        "contact" draws the sum of pressure and friction. Arrows are blue and thick where contact sticks, orange and
         thin where contact slips, and grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         The drawn part of the plane, in units of length.

@@ -203,7 +203,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     ax = canvas.axes_or_new(ax, 6.4, 4.2)
     edges = history.trajectory.times[np.concatenate([[0], steps])]
     colours = canvas.distinct([colour for _, colour, _ in STATES])
-    # Gaps between columns stay blank.
+    # Gaps between the intervals of nodes stay blank.
     drawn = np.insert(states, range(1, states.shape[1]), np.nan, axis=1)
     ax.pcolormesh(line.limits.ravel(), edges, drawn, cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:

@@ -1,6 +1,6 @@
 """Faces of contact in space, seen along the mean normal.
 
-In each adjacent face, a node owns a quadrilateral. Its corners are the node, two midpoints of edges, and the centroid.
+In each adjacent mesh face, a node owns a quadrilateral. The corners are the node, two edge midpoints, and the centroid.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ def hysteresis_loop(
     Returns
     -------
     matplotlib Figure
-        The loop along one axis, with marks at the first and last instant, and bars of `history.force_bounds`.
+        The loop along one axis, with marks at the first and last instant, and `history.force_bounds` as bars.
 
     Raises
     ------

@@ -2,8 +2,7 @@
 
 Let u be the displacements of all nodes, A the stiffness matrix, A_1 the viscosity matrix, and f the loads. The vector
 B^ u contains the slips, D^ u the displacements towards obstacles, and A_s u the displacements held by supports and
-bilateral contact. The vectors lam, p and mu are the forces of friction, obstacles and supports. The forces on the nodes
-are
+bilateral contact. The vectors lam, p and mu are the forces of friction, obstacles and supports. The nodal forces are
 
     R = A u + A_1 du/dt - f = A_s' mu - B^' lam - D^' p.
 

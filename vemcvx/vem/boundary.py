@@ -381,7 +381,7 @@ class SideEnds:
 
 
 def _mirror_normals(normals: Floats, across: Floats, noise: Floats) -> Floats:
-    """Average normals (k, dim) with mirror images close to the normals."""
+    """Return the means (k, dim) of normals and nearby mirror images."""
     turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
     smooth = (turn > rounding) & (turn <= CURVE_DISTANCE + rounding)
     mean = normals[smooth] - across[smooth]

@@ -1,7 +1,7 @@
 """Reading of Abaqus input files: nodes, elements, sets and surfaces.
 
-Sets with the same name in several instances are joined. The elements of one instance also form the set
-"Instance.Set". A note lists unread parts of the file.
+Sets with the same name in several instances are joined. A further set "Instance.Set" holds the elements of one
+instance. A note lists unread parts of the file.
 """
 
 from __future__ import annotations

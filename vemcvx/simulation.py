@@ -371,7 +371,7 @@ def _within_supports(u: Floats, posed: PosedScene, times: Floats) -> Floats:
     P, held = posed.supports.P, posed.supports.motion(t)
     y: Floats = P.T @ (resting - held)
     off = np.abs(P @ y + held - resting)
-    # Compare with the largest motion, because motions at t may vanish.
+    # Compare with the largest motion, because motions at times[0] may vanish.
     size = max(np.abs(u).max(), *(np.abs(posed.supports.motion(t)).max() for t in times.tolist()))
     if off.max() > SAME * size:
         node = int(np.argmax(off)) // points.shape[1]

@@ -95,7 +95,7 @@ def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
 
 
 def plain(raw: Any) -> NDArray[Any] | None:
-    """Convert `raw` into an array, or return None if this fails or entries are masked."""
+    """Convert `raw` into an array, or return None if the conversion fails or entries are masked."""
     masked = any(isinstance(x, np.ma.MaskedArray) for x in (raw, *(raw if isinstance(raw, (list, tuple)) else ())))
     with contextlib.suppress(Exception):
         return None if masked else np.asarray(raw)

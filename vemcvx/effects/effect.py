@@ -68,7 +68,7 @@ class Load:
         return data.At(x, t).read(self.value, self.subject, "number" if self.is_scalar else "vector")
 
     def in_cells(self, x: Floats, owner: Ints, t: float) -> Floats:
-        """Return the datum at points x in the cells `owner`, or zero in cells without load."""
+        """Return the datum at points x, or zero in cells without load."""
         loaded = np.isin(owner, () if self.cells is None else self.cells)
         return (self.at(x, t).T * loaded).T
 
@@ -168,7 +168,7 @@ class ContactSurface:
 
     @classmethod
     def from_rows(cls, rows: BoundaryRows, subject: str = "", **more: Any) -> Self:
-        """Return the surface of boundary rows, with the further fields `more`."""
+        """Return the surface of boundary rows, with further fields from `more`."""
         own = subject, rows.nodes, rows.normals, rows.lengths
         return cls(*own, ends=rows.ends, partners=rows.partners, **more)
 
@@ -337,7 +337,7 @@ class Eigenstrain:
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress at zero strain (force per area, positive in tension), in the order of `component_names`."""
+    """A stress at zero strain, force per area, positive in tension. `component_names` gives the order."""
 
     subject: str
     value: Callable[[float], Floats]  # t -> (n_cells, components)

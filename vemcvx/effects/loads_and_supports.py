@@ -301,11 +301,11 @@ class Rigid(Effect):
     at : (dim,), optional
         The centre of rotation, at which `force` acts; by default the centre of the bounding box of the nodes.
     force : (dim,) constant, or callable f(x, t) -> (m, dim), optional
-        Force at the point `at` (per unit thickness).
+        Force at the centre (per unit thickness).
     moment : number, in space (3,), or callable f(x, t), optional
         Moment (per unit thickness); in the plane positive anticlockwise.
     motion : sequence of 3, in space 6, optional
-        The translation of the point `at` (length), then the rotation (radians; in space about x, y, z). Each component
+        The translation of the centre (length), then the rotation (radians; in space about x, y, z). Each component
         is a number, or f(x, t) with the point x (1, dim), or None if it is free. By default all are free.
 
     Examples
@@ -381,7 +381,7 @@ class Pretension(Effect):
     """A bolt that is tightened by a given force, and then locked.
 
     The interface `on` cuts the bolt. Both sides of the cut are bonded, except for a uniform jump along the mean normal.
-    The jump is the shortening of the bolt. Until the time `until`, the force pulls the sides together. Later, the jump
+    The jump is the shortening of the bolt. Up to t = `until`, the force pulls the sides together. Later, the jump
     is constant. `history.force` of this effect is the force on the first body at the cut: tension and shear.
 
     Parameters

@@ -53,7 +53,7 @@ class Factor(ABC):
         return np.concatenate(found)
 
     def flexibility(self, some: Ints, n: int) -> Floats:
-        """Return the block of K^{-1} for the unknowns `some` (k,)."""
+        """Return the block of K^{-1} for the unknowns in `some` (k,)."""
         found = np.empty((len(some), len(some)))
         for chunk in chunks(len(some), n):
             own = some[chunk]
@@ -64,7 +64,7 @@ class Factor(ABC):
 
 
 def chunks(count: int, n: int) -> Iterator[slice]:
-    """Return slices of `count` right-hand sides (n,), with at most CHUNK_SIZE entries each."""
+    """Split `count` right-hand sides (n,) into slices of at most CHUNK_SIZE entries."""
     together = max(1, CHUNK_SIZE // max(n, 1))
     return (slice(first, first + together) for first in range(0, count, together))
 
@@ -113,7 +113,7 @@ class LinearSolver(ABC):
         """
 
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
-        """Factorise K (n, n), symmetric positive definite, and eliminate the unknowns `last` at the end.
+        """Factorise K (n, n), symmetric positive definite, and eliminate the unknowns in `last` at the end.
 
         Parameters
         ----------

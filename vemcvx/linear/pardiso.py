@@ -69,7 +69,7 @@ class Pardiso(LinearSolver):
 
 
 class PardisoFactor(Factor):
-    """The factors of K, and the Schur complement `schur` (m, m) of the unknowns `last`."""
+    """The factors of K, and the Schur complement `schur` (m, m) of the unknowns in `last`."""
 
     def __init__(self, K: sp.csr_matrix, last: Ints):
         n, m, diagonal = K.shape[0], len(last), K.diagonal()

@@ -111,14 +111,14 @@ class Ranks:
         for name, value in OPTIONS.items():
             petsc.Options().setValue(PREFIX + name, value)
         self.comm: Any = MPI.COMM_WORLD.Dup()
-        self._large, self._petsc = pkl5.Intracomm(self.comm), petsc  # Messages of any size.
+        self._large, self._petsc = pkl5.Intracomm(self.comm), petsc  # allows messages of any size
         self.key: object = None
         self._objects: list[Any] = []
         if self.comm.rank == 0:
             atexit.register(self._tell, None)
 
     def call(self, name: str, shared: tuple[Any, ...], *own: Any) -> Any:
-        """Call a method on all ranks, with further arguments `own` on rank 0."""
+        """Call a method on all ranks. Rank 0 passes `own` as further arguments."""
         self._tell((name, shared))
         return self.act(name, *shared, *own)
 
@@ -164,7 +164,7 @@ class Ranks:
         self._objects = [ksp, near, x, b, scatter, whole, A]
 
     def solve(self, tolerance: float, iterations: int, b: Floats | None = None) -> tuple[Floats | None, int]:
-        """Return the solution x of K x = b (None above rank 0), and 0 on convergence, else 1."""
+        """Return (x, 0) with K x = b, or (x, 1) without convergence; x is None above rank 0."""
         ksp = self._objects[0]
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=iterations)
         x = self._exchange(ksp.solve, b)
@@ -175,7 +175,7 @@ class Ranks:
         return self._exchange(self._objects[0].getPC().apply, b), 0
 
     def _exchange(self, act: Callable[[Any, Any], object], right: Floats | None) -> Floats | None:
-        """Return the result of `act` on the vector `right` of rank 0 (None above rank 0)."""
+        """Apply `act` to a vector of rank 0, and return the result (None above rank 0)."""
         _, _, x, b, scatter, whole, _ = self._objects
         if right is not None:
             whole.getArray()[:] = right

@@ -1,8 +1,8 @@
 """Slips and gaps of a step as functions of the contact forces.
 
-A step has the stiffness matrix K, the load g and the increment d. Norm terms have the rows B, the forces lam and the
-slips s = B d - b. The limits have the rows D, the forces p, the compliances c and the gaps z - c p, with z = D d - e.
-Let x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
+A step has the stiffness matrix K, the load g and the increment d. Norm terms have the rows B, the data b, the
+forces lam and the slips s = B d - b. The limits have the rows D, the data e, the forces p, the compliances c and the
+gaps z - c p, with z = D d - e. Let x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
 
     off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
 
@@ -64,7 +64,7 @@ class Delassus:
         return 1.1 * float(np.linalg.norm(x))
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the entries of norm terms (m, block) and limits (r,)."""
+        """Split a vector (N,) into norm terms (m, block) and limits (r,)."""
         rows = self.operators.B.shape[0]
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 

@@ -59,7 +59,7 @@ def check_symmetric(K: Any, subject: str) -> None:
 def as_read_only_rows(raw: Any, subject: str) -> sp.csr_matrix:
     """Convert a matrix into a read-only sparse matrix of finite numbers."""
     matrix = as_sparse_matrix(raw, subject)
-    if not matrix.has_canonical_format:  # SciPy would sort the read-only entries in a later product.
+    if not matrix.has_canonical_format:  # SciPy sorts entries in place, which fails for read-only arrays.
         matrix = matrix.copy()
         matrix.sum_duplicates()
     read_only(matrix.data)
@@ -294,7 +294,7 @@ class DenseInverse(Factor):
 
 
 def product(K: Matrix | LinearOperator, d: Floats) -> Floats:
-    """Return K d, from one triangle of a dense K."""
+    """Return K d. Only one triangle of a dense K is read."""
     if not isinstance(K, np.ndarray) or len(d) == 0:
         return np.asarray(K @ d)
     return np.asarray(dsymv(1.0, K if K.flags.f_contiguous else K.T, d, lower=1))

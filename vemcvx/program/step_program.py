@@ -180,7 +180,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None without gain."""
+        """Return the motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None."""
         import cvxpy as cp
 
         if (N := self.operators.kernel) is None:

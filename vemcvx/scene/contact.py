@@ -137,7 +137,7 @@ class Terms(ContactRows):
     acting: int = 0  # number of terms with free unknowns
     dragged: Bools | None = None  # (m,) as in `Freedom`
     ground: Callable[[float], Floats] | None = None  # t -> (m * (dim - 1),) tangential ground motion since times[0]
-    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the motion `ground` as vectors
+    reported: Callable[[float], Floats] | None = None  # t -> (m, dim) the same motion as vectors
     press: sp.csr_matrix | None = None  # (rows, r) the map from normal contact forces to forces on friction rows
 
     def weights(self, t: float) -> Floats:

@@ -81,7 +81,7 @@ class PosedScene:
     inactive: tuple[str, ...]  # sentences on omitted frictions and on pins
     curves: tuple[str, ...]  # names of effects on curved boundaries
     viscosity: sp.csr_matrix | None  # (n_u, n_u) viscous nodal forces per nodal velocity
-    laws: tuple[Contribution, ...]  # contributions of materials, without stiffness
+    laws: tuple[Contribution, ...]  # contributions of materials, with stiffness None
     stops: Sequence[Obstacle]  # obstacles of all effects
     causes: Mapping[str, Ints]
     """The effect number of each support, friction and obstacle; -1 for pins."""

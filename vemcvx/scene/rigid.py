@@ -77,7 +77,7 @@ FREE_FRACTION = 1e-12
 def floating_motions(
     space: Space, supports: Supports, felt: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
-    """Return the motions that only the contact rows `felt` resist."""
+    """Return the motions that only the contact rows in `felt` resist."""
     (piece, node), points = space.pieces, space.mesh.points
     count, dim = np.bincount(node, minlength=len(points)), points.shape[1]
     R, axes = _motions(piece, node, points)

@@ -40,7 +40,7 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "tol_gap_abs": follow_gap(INNER_FRACTION, 1e-15),  # Clarabel's gap differs from the gap of the certificate
         "tol_gap_rel": follow_gap(INNER_FRACTION, 1e-15),
         "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # squares of residuals enter the gap
-        "max_threads": 1,  # two threads take three times as long
+        "max_threads": 1,  # two threads take three times as long as one thread
         "direct_solve_method": "faer",  # "qdldl" takes five times as long for the paper's program
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
         "presolve_enable": False,

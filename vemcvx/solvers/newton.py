@@ -55,7 +55,7 @@ class ActiveSets:
     act: Bools  # (r,) acting limits
     direction: Floats  # (m, block) unit vectors of slips
     along: Floats  # (m,) components of slips along `direction`, >= 0
-    w: Floats  # (m,) weights at slips `along`
+    w: Floats  # (m,) weights at the slips in `along`
     size: Floats  # (m,) lengths of the predicted forces x + SHIFT * off
 
     @classmethod

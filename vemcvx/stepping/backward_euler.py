@@ -145,7 +145,7 @@ class PosedStep:
         return Weights(self.program.w, norms, t=self.data.t, past=past, k=k)
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
-        """Return the state after an answer of the program."""
+        """Return the state after the step, for an answer of the program."""
         run, before, now, program, k = self.run, self.before, self.data, self.program, self.data.t - self.before.t
         d, slip, m = answer.d, program.slip(answer.d), len(program.w)
         lam, slid, w = evaluate_dragged(run.system, (before.t, now.t), answer.p, before.ledger.slipped[m:])
@@ -200,7 +200,7 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped[:m])
     frame = run.frame(k)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
-    if run.system.kernel is not None:  # on the kernel, K y does no work, and g equals the load
+    if run.system.kernel is not None:  # K y does no work in motions of the kernel
         g = run.condensation.balance(g, now.force.phi)
     if damping is not None and damping.motion is not None and k > 0:
         g = g - (damping.motion.dirichlet_force(now.t) - damping.motion.dirichlet_force(before.t)) / k
@@ -340,7 +340,7 @@ def march_prepared(
     progress: Callable[[int, int], None] | None = None,
     prepared: float = 0.0,
 ) -> Trajectory:
-    """March a prepared run through time, and store the steps `kept`."""
+    """March a prepared run through time, and store the steps in `kept`."""
     start = time.perf_counter()
     with threads_of_steps(run.system, run.condense, run.condensation.linear):
         recorder = Recorder(run, instants, kept, storage)
@@ -472,7 +472,7 @@ def settle_from(run: PreparedRun, given: State, check: bool = False) -> State:
 
 
 def _begin_history(run: PreparedRun, state: State, past: Ledger) -> State:
-    """Return the state with zero slips, and with the losses and work of `past`."""
+    """Return the state with zero slips, and with the losses and work in `past`."""
     ledger = replace(past, energy=energy(run.condensation, state.y, state.data, state.p))
     slip, sticks = np.zeros_like(state.slip), np.ones_like(state.sticks)
     return replace(state, slip=slip, sticks=sticks, ledger=ledger, scale=ledger.norm, size=state.data.force.norm)

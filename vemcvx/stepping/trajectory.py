@@ -111,7 +111,7 @@ class Trajectory(ArrayRecord):
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     energy, norm : (N + 1,) arrays
-        Stored energy, 1/2 a(u_n, u_n) + (sum of c p^2 / 2 over soft limits), and energy norm, |u_n|_a.
+        Stored energy 1/2 a(u_n, u_n) + (sum of c p^2 / 2 over soft limits), and energy norm |u_n|_a.
     dissipated, dissipated_second_order : (N + 1,) arrays
         Energy dissipated by friction and damping so far, by backward Euler and by the trapezoidal rule.
     work : (N + 1,) array
@@ -377,7 +377,7 @@ def state_of_row(run: PreparedRun, t: float, row: Mapping[str, NDArray[Any]]) ->
 
 
 def hash_run(run: PreparedRun, times: Floats, kept: Ints) -> list[int]:
-    """Return a hash of a run, four integers."""
+    """Return the hash of a run as four integers."""
     system, made = run.system, hashlib.blake2b(digest_size=32)
     matrices = [system.K, system.B, system.D, *([] if system.damping is None else [system.damping.C])]
     parts = [part for A in matrices for part in (A.data, A.indices, A.indptr)]

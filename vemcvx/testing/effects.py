@@ -97,7 +97,7 @@ class EffectSample:
         return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, IN_CELLS) else None
 
     def mesh(self, which: int = 0) -> Mesh:
-        """Return the mesh of the answers (0), or another mesh (1, 2)."""
+        """Return mesh 0, 1 or 2; answers use mesh 0."""
         plane, space = (("squares", 3), ("voronoi", 4), ("hanging", 3)), (("cubes", 2), ("voronoi3", 3), ("prisms", 2))
         return mesh(*(space if self.in_space else plane)[which])
 
@@ -106,7 +106,7 @@ class EffectSample:
         return simulate(Scene(*effects), self.mesh(), TIMES)
 
     def contribution(self, effect: Effect, which: int = 0) -> Any:
-        """Return the contribution of an effect on mesh `which`, as plain data."""
+        """Return the contribution of an effect on mesh number `which`, as plain data."""
         return content(effect.contribute(Space(self.mesh(which))))
 
 

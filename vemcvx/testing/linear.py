@@ -27,7 +27,7 @@ KINDS = {
     "nearly incompressible": block(*RUBBING, of=Elasticity(1.0, 0.4999999), family="voronoi", n=8),
     "a free body": block(*RUBBING, held=False, family="voronoi", n=8),
 }
-"""Systems for the comparison of runs. Iterative solvers run only the systems `EASY`."""
+"""Systems for the comparison of runs. Iterative solvers run only the systems in `EASY`."""
 EASY = ("friction", "no friction", "viscosity")
 INDEFINITE = {
     "indefinite": [[1.0, 2.0], [2.0, 1.0]],

@@ -49,7 +49,6 @@ def call_here(function, *given):
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """Run sweeps in this process."""
     monkeypatch.setattr("vemcvx.cost.sweeping.call_safely", call_here)
 
 
@@ -138,7 +137,7 @@ def wait_for(condition):
         if found := condition():
             return found
         time.sleep(0.01)
-    raise AssertionError("the condition never held")
+    raise AssertionError("the condition was never true")
 
 
 @pytest.mark.skipif(not list(Path("/proc/self/task").glob("*/children")), reason="the test needs lists of children")

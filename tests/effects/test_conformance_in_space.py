@@ -21,7 +21,6 @@ UNLIKE = vx.Elasticity, vx.Orthotropic, vx.TrescaFriction, vx.CoulombFriction, v
 
 
 def in_space(sample):
-    """Return a sample for the cube from a plane sample."""
     data = {name: {2: 3, 3: 6}.get(count, count) for name, count in sample.data.items()}
     others = {name: (0.0, 0.0, 0.0) if other == (0.0, 0.0) else other for name, other in sample.others.items()}
     beside = tuple(RUBBING if isinstance(effect, vx.TrescaFriction) else effect for effect in sample.beside)

@@ -24,7 +24,7 @@ def closed_form():
 
 
 def sheared(q, *effects, press=0.0):
-    """Return the scene of a block whose top moves along PATH. With `press`, nu = 0 prevents bulges."""
+    """Return the scene of a block whose top moves along PATH. A pressed block has nu = 0 and does not bulge."""
 
     def side(axis, sign):
         return lambda x, t: [0.0, 0.0, sign * q[round(t), axis]]

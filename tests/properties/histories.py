@@ -100,8 +100,8 @@ def ledger_closes(setting, which):
     y, the slips s = B du with bounds w, multipliers lam, and the residual r = f - B'lam - K y. So the work is dE + 1/2
     a(du, du) + lam.s + r.du, and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at
     most e |du|_K + gap for the certified error e. The balance contains products x'Ky, where x and y are states,
-    increments, or responses K^{-1}f to loads. A step has fewer than twenty products and solves. Rounding changes each
-    product by at most n eps |x|'M|y|, with M = majorant(A).
+    increments, or responses K^{-1}f to loads. A step has fewer than twenty products and linear solves. Rounding
+    changes each product by at most n eps |x|'M|y|, with M = majorant(A).
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)

@@ -37,7 +37,7 @@ class Energy:
 
     @cached_property
     def flexibility(self):
-        """|K^{-1}|, entry by entry: if |f_i| <= b_i, then |f|_{K^{-1}}^2 <= b'|K^{-1}|b."""
+        """The matrix |K^{-1}| of absolute values. If |f_i| <= b_i, then |f|_{K^{-1}}^2 <= b'|K^{-1}|b."""
         return np.abs(np.linalg.inv(self.K))
 
     def norm(self, u):

@@ -73,7 +73,7 @@ def test_a_plate_whose_crack_sticks_deforms_as_without_a_crack(cracked, name):
 
 
 def test_slips_are_proportional_to_the_shear_beyond_friction(cracked):
-    """Shear does not change the pressure p on a straight crack, so slips are proportional to the stress xy - mu p."""
+    """The pressure p does not depend on shear. So slips are proportional to the shear stress minus mu p."""
     (slip, part), (farther, _) = opening(cracked, "slips"), opening(cracked, "slips on")
     assert not cracked.contact.sticking[[AT["slips"], AT["slips on"]]].any()
     assert np.abs(part).max() < 1e-14

@@ -13,7 +13,7 @@ STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 
 
 def held_by(history, name, direction):
-    """Return the displacements (S, m) of boundary nodes along a direction."""
+    """Return the displacements (steps, nodes) along a direction at a part of the boundary."""
     nodes = np.unique(history.mesh.boundaries[name])
     return history.displacement[:, nodes] @ np.asarray(direction)
 

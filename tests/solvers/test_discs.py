@@ -46,7 +46,7 @@ KINDS = ("plain", "stiff", "weights", "none", "limits", "all", "rows", "edge", "
 def draw_program(seed, kind):
     """Return a random program.
 
-    "stiff": eigenvalues of K span seven orders of magnitude. "weights": weights span fourteen orders. "none": a third
+    "stiff": eigenvalues of K span seven decades. "weights": weights span fourteen decades. "none": a third
     of the weights are zero. "limits": half of the limits are rigid, half compliant. "rows": rows of B share unknowns.
     "edge": slips are 1e-14 to 1e-3, or zero with |lam_i| close to w_i.
     """

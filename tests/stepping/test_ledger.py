@@ -98,7 +98,7 @@ FLOORS = {
 @few_families
 @mostly_long("floor", FLOORS, "rigid", "soft", "with Coulomb's friction")
 def test_the_ledger_closes_while_obstacles_move(family, floor):
-    """work - dE - loss = 1/2 a(du, du) + p . dz - d(c p^2 / 2), as in :mod:`vemcvx.stepping.state`."""
+    """The energy balance of :mod:`vemcvx.stepping.state` holds."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
     posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)

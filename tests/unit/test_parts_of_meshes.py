@@ -1,4 +1,4 @@
-"""Chunks of cells do not change results."""
+"""Assembly in chunks of cells does not change results."""
 
 from __future__ import annotations
 

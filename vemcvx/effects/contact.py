@@ -337,8 +337,8 @@ def _limit_by_pressure(coefficient: Callable[[float], Floats | float], cap: Call
 class CoulombFriction(_Friction):
     """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    The effect needs UnilateralContact or NormalCompliance on the same boundary. The certificate holds for
-    the friction bounds of the computed pressure (docs/theory/coulomb.md).
+    The effect needs UnilateralContact or NormalCompliance on the same boundary. Friction is zero where supports fix
+    the gap. The certificate holds for the friction bounds of the computed pressure (docs/theory/coulomb.md).
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ energy minus the work of the body force.
 
 Each triangle has ten nodes: corners 0 to 2, edge midpoints 3 to 5, centroid 6, and midpoints 7 to 9 between corners and
 centroid. Edge k goes from corner k to corner k + 1. The vector x contains the outline and the coefficients of the body
-force. The minimum is x'M x / 2 with a matrix M.
+force. The minimal value is x'M x / 2 with a matrix M.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ def gather(places: Sequence[Ints], values: Sequence[Floats], size: int) -> Float
 
 
 def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
-    """Return the fans of all cells. All cells of a chunk have equally many vertices."""
+    """Return the fans of all cells, in chunks of cells with equally many vertices."""
     found = []
     for chunk in (chunk for group in space.groups for chunk in group.chunks()):
         centres = polygon_centroids(chunk.corners)[1]

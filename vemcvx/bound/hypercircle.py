@@ -65,7 +65,7 @@ class Forms:
         return np.asarray(self.displacement - L.T @ self.stress @ L)
 
     def forms(self, matrices: Floats, one: Floats, other: Floats) -> Floats:
-        """Return the products x . M y (c,) of x = `one`, y = `other` and the matrices M of cells."""
+        """Return x . M y (c,) for x = `one`, y = `other`, and the matrix M of each cell."""
         return np.asarray(np.einsum("cm,cm->c", one, self.fans.apply(matrices, other)))
 
 

@@ -40,7 +40,7 @@ class Show:
 def problem_in_words(problem: Problem, settings: Sequence[str], mesh: AnyMesh, name: str) -> list[tuple[str, str]]:
     """Return rows (name, words) for a problem, stage by stage."""
     if not problem.has_stages:
-        # Data that are zero at 65 instants count as zero.
+        # Data that are zero at 65 instants are treated as zero.
         return scene_in_words(problem.scene(settings), mesh, problem.times(64), name)
     rows = list[tuple[str, str]]()
     for k, (scene, times) in enumerate(problem.stages(settings), start=1):

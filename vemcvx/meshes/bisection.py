@@ -2,7 +2,7 @@
 
 *Tetrahedra.* A cell is bisected through the midpoint of the longest edge. Every cell with a new node on an edge is then
 bisected in the same way, until no edge has a hanging node (M.-C. Rivara, Int. J. Numer. Meth. Eng. 20 (1984), 745-756).
-Between equally long edges, node numbers decide. Coinciding nodes at an interface count as one node.
+If edges are equally long, node numbers decide. Coinciding nodes at an interface count as one node.
 
 *Other cells* are split into one part per vertex. New nodes are the midpoints of edges, and the centroids of faces and
 cells. The new faces must be plane.

@@ -47,7 +47,7 @@ class Mesh(ABC):
 
     Attributes
     ----------
-    points, cell_data, interfaces, node_map : as in `PolyhedralMesh`
+    points, cell_data, interfaces, node_map : as in `PolygonMesh`
 
     Examples
     --------
@@ -295,9 +295,8 @@ class Mesh(ABC):
         Parameters
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
-            Cells to split, by default all cells. Marked tetrahedra are split into two or more parts. Without `cells`,
-            tetrahedra are split into eight or more parts. Further cells are split until an edge has at most one hanging
-            node, or in space none.
+            Cells to split, by default all cells. If `cells` is given, tetrahedra are split into two or more parts, else
+            into eight or more. Further cells are split until an edge has at most one hanging node, or in space none.
 
         Raises
         ------

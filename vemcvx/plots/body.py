@@ -127,7 +127,7 @@ def stressed_body(
     window : ((x0, x1), (y0, y1)), optional
         The drawn part of the plane, in units of length.
     stretch : float
-        Factor on lengths along x_2, for slender bodies.
+        Scale factor of x_2, for slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
         Signs of x_1 and x_2 in mirror images, which complete a half or a quarter of a body.
     magnify : as for `deformed_mesh`

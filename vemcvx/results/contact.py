@@ -38,7 +38,7 @@ class Contact(ArrayRecord):
     partners : (m,) int
         The nodes of the other body at the same places; -1 for contact with an obstacle.
     points, normals : (m, dim)
-        Coordinates, and outward unit normals. At corners, normals are averaged by length.
+        Coordinates, and outward unit normals. At corners, normals are averaged with lengths as weights.
     slip : (S, m, dim)
         Tangential displacement relative to the partner or the ground.
     traction : (S, m, dim)

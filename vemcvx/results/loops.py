@@ -75,7 +75,7 @@ def _movers(history: Results) -> list[PrescribedDisplacement | Rigid]:
 
 def _find_driven(history: Results) -> dict[str, Floats]:
     names, along = [str(name) for effect in _movers(history) for name in np.atleast_1d(effect.on)], {}
-    if history.scene is None:  # Boundaries with a reaction count as driven.
+    if history.scene is None:  # Boundaries with a reaction are treated as driven.
         held = {
             name.removeprefix("reaction of "): R for name, R in history.resultants.items() if "reaction of " in name
         }

@@ -165,7 +165,7 @@ class Results(ActingForces):
         return self.on_cells(step)["stress"]
 
     def out_of_plane_stress(self, step: int) -> Floats:
-        """Return the stress zz (n_cells,) normal to the plane at a stored step; tension positive.
+        """Return the stress zz (n_cells,) normal to the plane at a stored step; tension is positive.
 
         The stress zz is 0 in plane stress, and the hoop stress in a body of revolution. A Prestress adds nothing.
         """
@@ -266,7 +266,7 @@ class Results(ActingForces):
         return stored.index(wanted)
 
 
-ALIKE = 0.99  # Values above this fraction of the largest value count as largest.
+ALIKE = 0.99  # Values above this fraction of the largest value are treated as largest.
 
 
 def last_of_largest(sizes: ArrayLike) -> int:

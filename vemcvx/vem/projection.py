@@ -142,7 +142,7 @@ def _split_along_diagonals(corners: Floats) -> Ints:
 
 
 CACHED_NUMBERS = 2**16
-"""Largest number of floats in an array. A few arrays fit into the second-level cache."""
+"""Largest number of floats in an array. A few arrays of this size fit into the second-level cache."""
 
 
 @dataclass(frozen=True, eq=False)

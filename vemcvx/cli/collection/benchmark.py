@@ -66,7 +66,7 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], Mapping[str, int], float]] = {
     "SCS": (("eps_abs", "eps_rel"), {"max_iters": 10**9}, 0.0),
 }
 """Solver in cvxpy -> options for tolerances, options for the iteration limit, and smallest accepted tolerance."""
-PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # name in cvxpy -> different name of the package
+PACKAGES = {"HIGHS": "highspy", "PROXQP": "proxsuite"}  # name in cvxpy -> name of the package, if different
 REPEATS, LONG_ENOUGH = 5, 0.1  # largest number of timed calls, and seconds after which no further call begins
 BATCH = 10  # number of instances per process
 MEAN_SHIFT = 0.01  # shift of the geometric mean, seconds

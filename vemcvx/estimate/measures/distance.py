@@ -354,7 +354,7 @@ def _find_nodes(coarse: Mesh, fine: Mesh) -> Ints:
         return np.arange(coarse.n_nodes)
     away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
-    # Nodes are equal up to 1e-6 times the diameter of the smallest cell.
+    # Nodes are treated as equal within 1e-6 times the smallest cell diameter.
     if away[worst] > 1e-6 * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
             f"energy_distance: node {worst} of the first mesh, at {coarse.points[worst]}, is no node of the second: "

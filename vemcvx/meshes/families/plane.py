@@ -186,7 +186,7 @@ def hanging(
     Parameters
     ----------
     n, box, seed, size : as in `squares`
-        n counts large cells. 30 % of the large cells, chosen at random, are split into four.
+        n refers to large cells. 30 % of the large cells, chosen at random, are split into four.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def hanging(
 
 
 ZIGZAG = 0.15
-"""Distance of new nodes from old edges in `nonconvex`, in cell widths (below 1/3)."""
+"""Distance of new nodes from old edges in `nonconvex`, in cell widths. The value must be below 1/3."""
 
 
 def nonconvex(

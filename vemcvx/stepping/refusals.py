@@ -51,9 +51,9 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
 def _advice(run: PreparedRun, reached: float, floor: float) -> str:
     accuracy, more = run.solver.accuracy, f"Ask for accuracy={2 * reached:.0e} or more"
     other = "raise max_iterations" if run.solver.name == "Newton" else "use vx.Newton()"
-    if floor > 0.1 and run.system.kernel is not None:
+    if 0.1 < floor < np.inf and run.system.kernel is not None:
         return "Friction and contact hardly hold the body against this load: lower the load, or add a support"
-    if floor > 0.1:
+    if 0.1 < floor < np.inf:
         return (
             f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "
             "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"

@@ -409,7 +409,7 @@ def score_table(entries: Entries, instances: Sequence[Row], kind: str, limit: fl
         sure = sum(np.isfinite(seconds_to(own[name], ERRORS[1], "certified")) for name in mine)
         ends = [str(count) for count in (sure, *(outcomes[one] for one in ("missed", FAILED, LATE)))]
         seconds = ["-" if np.isnan(m) else f"{m:.4f}"[1:] if m < 1 else f"{m:.3g}" for m in means]
-        name = "\n".join(wrap(label, 16))
+        name = "\n".join(wrap(label, 16, break_long_words=False))
         rows.append((means[1], [name, *(count for count, *_ in counts), *ends, *seconds]))
     reached, timed = (f"to\n{error}" for error in errors), (f"s to\n{error}" for error in errors)
     heads = ("solver", *reached, f"sure\n{errors[1]}", "miss", "fail", "late", *timed)

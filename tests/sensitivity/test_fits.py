@@ -157,12 +157,13 @@ def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
         (1.0, 0.5, {"bounds": ([150.0, 0.0, 0.0], [150.0, 0.4, 1.0])}, "Wanted: lower bounds < upper bounds"),
         (1.0, 0.7, {"bounds": (0.0, 0.6)}, "Wanted: .* theta_0 between the bounds"),
         (1.0, 0.5, {"penalty": [[np.nan, 0.0, 0.0]] * 3}, "not finite .* Wanted: .* penalty"),
+        (1.0, 0.5, {"noise": None}, "2 values cannot determine 3 parameters and the noise; give noise="),
         (1.0, 0.0, {"penalty": np.eye(3)}, "changes the unknowns"),
     ],
 )
 def test_fits_that_cannot_begin_are_refused(value, start, options, words):
     with pytest.raises(vx.SceneError, match=words):
-        vx.fit(loop, [150.0, 0.25, start], MESH, [0.0, 1.0], {OF[0]: [0.0, value]}, **options)
+        vx.fit(loop, [150.0, 0.25, start], MESH, [0.0, 1.0], {OF[0]: [0.0, value]}, **{"noise": 1.0, **options})
 
 
 def test_a_search_that_leaves_the_lawful_parameters_points_to_bounds():

@@ -56,7 +56,7 @@ LINES = {"program": 1_981, "solvers": 1_239, "stepping": 1_652, "linear": 887, "
 LINES |= {"exchange": 646, "testing": 907, "cli/collection": 954}
 LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
 LINES |= {"limit_analysis": 398}
-LINES |= {"sensitivity": 781, "cost": 486, "cli": 2_912}
+LINES |= {"sensitivity": 784, "cost": 486, "cli": 2_912}
 LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
 """Largest number of lines of each folder."""
 TOP = 1_695

@@ -257,21 +257,6 @@ def _sum(matrices: Iterable[sp.csr_matrix | None]) -> sp.csr_matrix | None:
     return reduce(add, given) if given else None
 
 
-def _find_kernel(space: Space, supports: Supports, rows: sp.csr_matrix, springs: sp.csr_matrix | None) -> Kernel | None:
-    """Return the motions that only `rows` resist, and issue a warning."""
-    kernel, of_bodies = floating_motions(space, supports, supports.on_free(rows), springs)
-    if kernel is not None:
-        words = (
-            f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
-            "Stresses and contact forces are unique, but the displacement may be unique only up to this motion."
-        )
-        if of_bodies:
-            logging.getLogger("vemcvx").info("%s", words)
-        else:
-            warnings.warn(words, SceneWarning, stacklevel=2)
-    return kernel
-
-
 def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
 

@@ -145,7 +145,7 @@ def fit(
     Raises
     ------
     SceneError, NotCertified
-        As for :func:`vemcvx.sensitivities`; an argument has a wrong value or shape, or nothing was measured.
+        As for :func:`vemcvx.sensitivities`; an argument has a wrong value or shape; or there are too few measurements.
 
     Examples
     --------
@@ -153,7 +153,8 @@ def fit(
     ...     pull = vx.Traction((theta[0], 0.0), on="right")
     ...     return vx.Scene(vx.Elasticity(200.0, 0.0), vx.Clamp(on="left"), pull)
     >>> measured = {"reaction of left x": [np.nan, -3.0]}
-    >>> vx.fit(scene_of, [1.0], vx.meshes.squares(2), [0.0, 1.0], measured, initial="settled").theta.round(9)
+    >>> found = vx.fit(scene_of, [1.0], vx.meshes.squares(2), [0.0, 1.0], measured, noise=0.1, initial="settled")
+    >>> found.theta.round(9)
     array([3.])
     """
     from scipy.optimize import least_squares
@@ -171,6 +172,8 @@ def fit(
     L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // max(count, 1), count))
     if not known.any():
         raise SceneError("fit: found no measured value.")
+    if noise is None and known.sum() <= count and not len(L):
+        raise SceneError(f"fit: {known.sum()} values cannot determine {count} parameters and the noise; give noise=.")
     sigma = _read_noise(noise, of, m)
 
     @lru_cache(maxsize=1)

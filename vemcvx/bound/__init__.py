@@ -7,7 +7,7 @@ a(v, w) = (C eps(v), eps(w)). A displacement v has the norm |v| = |v|_a = a(v, v
 **The step.** The exact displacement u minimises J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v) among the
 displacements v that the supports admit. Here sigma_0 is the prestress, and l(v) the work of the loads. The friction
 bound is given. The convex function j contains the friction work and the energy of compliant obstacles. j(v) is infinite
-if v moves the body into a rigid obstacle. So the exact stress sigma = sigma_0 + C eps(u) satisfies
+if v moves the body into a rigid obstacle. Since u is the minimiser, the stress sigma = sigma_0 + C eps(u) satisfies
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all v that the supports admit.                     (1)
 

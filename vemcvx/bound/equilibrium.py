@@ -103,7 +103,7 @@ def equilibrium(edges: Edges, fans: tuple[Fans, ...], stiffness: tuple[Floats, .
     P = _free_motions(edges, boundary)
     each = [one.expand(G) for one, G in zip(fans, stiffness, strict=True)]
     K = sp.csr_matrix(P.T @ assemble(edges.places, each, P.shape[0]) @ P)
-    # A floating body has a singular matrix K. The method `solve` corrects the effect of the added diagonal.
+    # A floating body has a singular matrix K. We increase its diagonal, and `solve` corrects the error.
     floats = boundary.motions.shape[1] or boundary.posed.pins
     K = K + sp.diags_array(SAME * K.diagonal()) if floats else K
     factor = choose_linear(K.shape[0]).factorise(K)

@@ -53,9 +53,9 @@ class ErrorBound(Outlined):
     bends : (k,)
         For whole histories: instants inside steps at which data are not linear in time (:func:`vemcvx.instants`).
     kind : str
-        "bound": a theorem. "bound for data as read at points": `upper` contains the estimate "data". "bound for the
-        given friction": friction bounds follow from the computed pressure. "bound for data as read at instants": data
-        are not linear within steps.
+        "bound": `upper` is proved. "bound for data as read at points": `upper` contains the estimate "data". "bound for
+        the given friction": friction bounds follow from the computed pressure. "bound for data as read at instants":
+        data are not linear within steps.
     history : History
         The run.
 

@@ -1,7 +1,7 @@
 """Linear fits to the data of a scene, and an estimate of the errors due to the fits.
 
 Error bounds evaluate data on pieces of edges (:mod:`vemcvx.bound.fine_boundary`) and at quadrature points in cells. The
-bounds are theorems for linear fits to the values. The fits are called data *as read*.
+bounds hold for linear fits to these values. The fits are called data *as read*.
 
 A remainder is a datum minus the fit. On a displacement w, all remainders do the work l_0(w). The functional l_0 has the
 norm eta = sup l_0(w) / |w|, with the energy norm |w|. We estimate eta^2 by the sum of the energies below. Here mu is
@@ -14,9 +14,9 @@ The L2 norms on an edge and in a cell are |.|_e and |.|_K.
     body forces f       int f . w                    d_K^2 / (18 mu) |f|^2_K
     gaps d              none                         2 mu max |d|^2
 
-The solutions for the data and for the fits differ by at most eta, also with friction. Poincare inequalities give twice
-the energies of t and f. We take half, because remainders are orthogonal to linear functions. Changes of data between
-the evaluated points may be missed.
+The solutions for the data and for the fits differ by at most eta, also with friction. The energies of t and f are half
+of the bounds from Poincare inequalities, because these remainders are orthogonal to linear functions. Changes of data
+between the evaluated points may be missed.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ class Skeleton:
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """Return u at ends of boundary edges, and jumps of u at interfaces."""
+        """Return u at the ends of boundary edges, minus the opposite u at interfaces."""
         across = self.joints.across
         return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
@@ -178,7 +178,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
 
 def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """Return values of contact rows at ends of boundary edges, or zero."""
-    # At interfaces, ends that supports hold have no row, and get the value at the other end of the edge.
+    # At an interface, a supported node has no row, and gets the value at the other end of the edge.
     row, end = rows.ends.nonzero()
     found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
     edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)

@@ -20,7 +20,7 @@ NAMES = (
     *(*ENERGIES, "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress"),
     *("slip", "friction", "pressure", "pressure_recovered", *FORCES, *COUNTS, *PLAIN),
 )
-"""Names of key figures. Energies are values at the end of a run, `COUNTS` at the step of largest energy."""
+"""Names of key figures. Energies belong to the end of a run, and `COUNTS` to the step with the largest energy."""
 
 
 def figures(history: Results) -> Row:

@@ -143,7 +143,7 @@ def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
 
 
 def from_matrix_market(path: Path) -> StepProgram:
-    """Read a program from the file of K, and from the other files of this name."""
+    """Read a program from the file of K, and from the files of the other arrays."""
     places = {name: path if name == "K" else path.with_name(f"{path.stem}_{name}.mtx") for name in NAMES}
     return program_from_arrays({name: read_matrix(place, name) for name, place in places.items() if place.exists()})
 

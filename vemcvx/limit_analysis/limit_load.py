@@ -26,7 +26,7 @@ from vemcvx.program.kernel import balance_multipliers
 from vemcvx.scene import PosedScene, Scene, pose_scene, suppress_scene_warnings
 from vemcvx.simulation import check_kinds
 
-MARGIN = 1e-10  # Fraction by which friction is reduced, as room for correcting forces.
+MARGIN = 1e-10  # Fraction by which friction is reduced before forces are corrected.
 TOLERANCE = 0.1 * MARGIN  # Largest violation of a condition by corrected forces and motions.
 
 
@@ -112,7 +112,7 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     B = B.reshape(len(w), posed.system.block, len(push))
     balance = Balance(B, D, w=w / unit, J=J, dead=dead / unit, push=push / per_load)
     alpha, lam, p, c, _ = balance.solve("limit_load")
-    alpha *= 1.0 - MARGIN  # This is room for correcting pressures.
+    alpha *= 1.0 - MARGIN
     lam, p, off = balance.correct_forces(alpha, lam, p)
     c, over = balance.correct_motion(c, lam, p)
     if not max(off, over) < TOLERANCE:
@@ -194,7 +194,7 @@ class Balance(NamedTuple):
 
         x: Any = cp.Variable(len(self.modes))
         conditions = admit(x, alpha)
-        # Other forces must balance the loads of the scene alone.
+        # A second set of contact forces balances the loads of the scene without the multiplied load.
         alone = admit(cp.Variable(len(self.modes)), 0.0) if self.dead.any() and self.push.any() else []
         problem = cp.Problem(cp.Maximize(alpha), conditions + alone)
         with warnings.catch_warnings(), suppress(cp.error.SolverError):
@@ -223,7 +223,7 @@ class Balance(NamedTuple):
         return lam, p, max(x.max(initial=0.0) for x in (left, -p, lengths(lam) - self.w - self.J @ p))
 
     def correct_motion(self, c: Floats, lam: Floats, p: Floats) -> tuple[Floats, float]:
-        """Return the corrected mechanism, and the largest violation of a condition."""
+        """Return the corrected motion c, and the largest violation of a condition."""
         c = c / (self.push @ c)
         opens = self.D @ c + self.J.T @ lengths(self.B @ c)
         closed, sticks = p > -opens, self.w + self.J @ p - lengths(lam) > lengths(self.B @ c)

@@ -7,8 +7,8 @@ contact with friction in two directions. Stress may grow without limit as the me
 - if a held side and a free side meet at more than 45 to 90 degrees, depending on Poisson's ratio.
 
 The source is Williams, *Stress singularities resulting from various boundary conditions in angular corners of plates in
-extension*, J. Appl. Mech. 19, 1952. If one side is held in one direction and the other side is not, we double
-the angle, because the body and the mirror image have the same stress. At a common corner of bodies, angles are added.
+extension*, J. Appl. Mech. 19, 1952. If exactly one of the sides is held in one direction, we double the angle,
+because the body and the mirror image have the same stress. At a common corner of bodies, angles are added.
 Corners between materials, jumps of loads or displacements, and edges and corners in space are not examined.
 """
 

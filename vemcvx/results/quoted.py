@@ -52,7 +52,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Accurate to second order in the time step. With dashpots, and in space if slip turns, the order is 1.
+        Accurate to second order in the time step; to first order with dashpots, or if slip changes direction in space.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh; `mesh` is NaN if the mesh cannot be refined.
     unit : str
@@ -79,7 +79,7 @@ class Quantity:
 
     @property
     def relative(self) -> float:
-        """The quotient error / |value|. If the value is 0, the quotient is 1, or 0 without an error."""
+        """The quotient error / |value|, with 0 / 0 = 0. If only the value is 0, the quotient is 1."""
         return self.error / (abs(self.value) or self.error or 1.0)
 
     @property

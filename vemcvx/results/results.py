@@ -102,7 +102,7 @@ class Results(ActingForces):
     def dissipated_second_order(self) -> Floats:
         """The dissipated energy (S,), accurate to second order in the time step.
 
-        With dashpots, and in space if slip turns, the order is 1.
+        The order is 1 with dashpots. In space, it is 1 if the direction of slip changes.
         """
         return self.trajectory.dissipated_second_order[self.stored]
 

@@ -31,7 +31,7 @@ class Section(NamedTuple):
     force: Floats
     """(S, dim), at S stored instants"""
     moment: Floats
-    """(S,), in space (S, 3), about the point that defines the plane"""
+    """(S,), in space (S, 3), about the given point of the plane"""
 
 
 def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Sequence[str] | None) -> Section:

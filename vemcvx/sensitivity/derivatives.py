@@ -56,7 +56,7 @@ from vemcvx.stepping.state import Frame, PreparedRun
 log = logging.getLogger("vemcvx")
 
 RELATIVE_STEP = 3e-5
-"""Step of central differences, relative to the parameter; if the parameter is zero, the step itself."""
+"""Step of central differences, divided by the parameter. At a parameter 0, the step is RELATIVE_STEP."""
 
 Change = tuple[Any, Any, Any]
 """The derivatives of push, off and w in one step, with one column per parameter."""
@@ -83,7 +83,7 @@ class LinearStep:
         return y, x + given
 
     def backward(self, by_y: Floats, by_x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the derivatives of J by push, off, w and y_prev, given dJ/dy and dJ/dx."""
+        """Return the derivatives of a function J by push, off, w and y_prev, given dJ/dy and dJ/dx."""
         A = self.delassus.operators.A
         y, x = self._solve(by_y, -by_x, self.Qt, self.P)
         return y, -x, self.H.T @ (by_x - A @ y), self.memory.T @ y + A.T @ (self.recalls * x)
@@ -216,7 +216,7 @@ def sensitivities(
     ------
     SceneError
         `scene_of` does not return a scene, or a quantity does not fit the scene. Friction depends on slips, nothing
-        holds the body, or a small change of `theta` changes the unknowns of the scene.
+        holds the body, or a small change of `theta` changes the number of unknowns.
     NotCertified
         As for :func:`vemcvx.simulate`.
 
@@ -299,9 +299,9 @@ def _differences(
     run: PreparedRun,
     inner: Floats,
 ) -> tuple[list[Change], Floats]:
-    """Return central differences: the changes of all steps, and `Sensitivities._explicit`."""
+    """Return the `Change` of each step by central differences, and `Sensitivities._explicit`."""
     P, m, E = own.supports.P, len(run.condensation.retained), None
-    if m < len(theta) * len(history.trajectory.times):  # Then m solves for all unit states cost less.
+    if m < len(theta) * len(history.trajectory.times):  # m solves cost less than a solve per parameter and step.
         E = run.condensation.complete(np.zeros((run.system.n, m)), np.eye(m))
     columns, shapes = [], [M.shape for M in (own.supports.P, own.terms.rows, own.obstacles.rows)]
     for j, step in enumerate(RELATIVE_STEP * np.where(theta != 0, np.abs(theta), 1.0)):
@@ -325,7 +325,7 @@ def _differences(
 def _field_changes(
     posed: PosedScene, p: Floats, shapes: Callable[[Floats], ArrayLike], count: int, unknowns: int
 ) -> list[Change]:
-    """Return the changes of all steps, if `theta` determines friction bounds only."""
+    """Return the `Change` of each step if `theta` changes friction bounds only."""
     terms, points = posed.terms, posed.space.mesh.points
     for effect in (posed.scene.canonical[i] for i in posed.causes["frictions"]):
         given = isinstance(effect, TrescaFriction) and effect.quadrature == "nodes" and not effect.while_closed

@@ -35,7 +35,7 @@ class Observed:
     values: Floats  # (Q, T) quantities
     k: Floats  # (T,) length of the step to each instant; zero at the first instant
     forces: Floats  # (n_u, T) forces R of supports
-    off: Floats  # (T, rows) slips in the step to the instant, and motions beyond gaps minus compliance times force
+    off: Floats  # (T, rows) slips of the step, and then D^ u - gap - compliance * p
     w: Floats  # (T, acting) friction bounds
     lam: Floats  # (T, terms, block) forces of friction; dragged nodes come last
     elastic: Floats  # (n_u, T) A u
@@ -43,7 +43,7 @@ class Observed:
 
 
 Gradients = tuple[Floats, Floats, Floats]
-"""Derivatives (Q, T, ...) by contact unknowns, by these one instant before, and by (lam, p); losses are of one step."""
+"""Derivatives (Q, T, ...) by contact unknowns, by previous contact unknowns, and by (lam, p). Losses are per step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Quantities:
             slips -= np.diff([terms.ground(t) for t in times], axis=0, prepend=[terms.ground(times[0])])
         law, none, under = terms.law_of(slice(None)), np.zeros(len(terms)), zip(times, p, strict=True)
         w = np.array([terms.weights(t) if law is None else law.weights(t, force, none, none) for t, force in under])
-        # Supports drag the last nodes, or hold them up to rounding.
+        # Supports determine the slips of the last nodes. Rounding errors in slips are set to zero.
         lam, acting, size = run.multipliers.copy(), terms.acting, np.abs(u).max()
         drawn = slips.reshape(lam.shape)[:, acting:].reshape(-1, terms.block)
         drawn = np.where(np.abs(drawn) > DRAG_ROUNDING * size, drawn, 0.0)
@@ -98,7 +98,7 @@ class Quantities:
         )
 
     def differentiate(self, posed: PosedScene, at: Observed, run: PreparedRun) -> tuple[Gradients, Floats]:
-        """Return derivatives, and derivatives (Q, n_u, T or 1) by nodal forces while the contact unknowns are fixed."""
+        """Return `Gradients`, and derivatives (Q, n_u, T or 1) by nodal forces at fixed contact unknowns."""
         count, after, by_u = run.operators.B.shape[0], at.k[:, None] > 0, self.a + self.h @ posed.A
         P, outer = posed.supports.P, np.multiply.outer
         own, response = condense(run, P, by_u.T)

@@ -285,8 +285,8 @@ def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     displacement : callable f(x, t) -> (m, dim)
         The vectors u_0 at points x (m, dim) for t = times[0]. They must agree with all supports.
     settle : bool
-        False: omit this step, as Theorem 3.10 allows, and begin at P^h u_0. The certificate of the initial state is
-        then the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
+        False: begin at P^h u_0 without a step, as Theorem 3.10 allows. The certificate of the initial state is then
+        the relative energy norm of the omitted step. Scenes with Viscosity always begin at P^h u_0.
 
     Returns
     -------

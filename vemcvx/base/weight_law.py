@@ -43,7 +43,7 @@ class Law:
     slope : callable (t, p, past) -> (m,) array, or (m, r) matrix, optional
         The derivative dw/dp; at kinks, the derivative towards larger p. Omit `slope` if weights depend on `slip`.
     slips : bool
-        True if weights depend on `past` or `slip`. Else both are empty in effects, and zero in systems.
+        True if weights depend on `past` or `slip`. If False, an effect gets empty arrays `past` and `slip`.
     rates : bool
         True if `slip` is the slip rate, zero at the initial instant; `softening` is then per unit slip rate.
 

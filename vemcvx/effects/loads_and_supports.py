@@ -224,7 +224,7 @@ class Symmetry(Effect):
 
 @dataclass(frozen=True)
 class PrescribedDisplacement(Effect):
-    """Given displacements of a part of the boundary: all components, or one component.
+    """Prescribed displacements of a part of the boundary: all components, or one component.
 
     `history.reaction` is the force that causes these displacements.
 

@@ -15,7 +15,7 @@ from vemcvx.linear.factor import Factor, LinearSolver, singular_matrix_error
 
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
-    """Sparse LU with diagonal pivots: the default without Pardiso, in the plane for at most two million unknowns.
+    """Sparse LU with diagonal pivots. Without Pardiso, SuperLU is the default up to two million unknowns in the plane.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        The motion modes @ c in words, by default made of `names`.
+        The motion ``modes @ c`` in words, by default made of `names`.
     moved : (n_u, k) or (nodes, components, k) array, optional
         Displacements of all nodes in each motion, by default `modes`.
 
@@ -81,12 +81,12 @@ class Kernel:
             object.__setattr__(self, "moved", finite(moved, "Kernel: moved"))
 
     def reach(self, c: Floats) -> float:
-        """Return the largest displacement of a node in the motion modes @ c."""
+        """Return the largest displacement of a node in the motion ``modes @ c``."""
         field = (self.modes if self.moved is None else self.moved) @ c
         return float(lengths(field.reshape(len(field), -1)).max())
 
     def name(self, c: Floats) -> str:
-        """Return the motion modes @ c in words."""
+        """Return the motion ``modes @ c`` in words."""
         if self.in_words is not None:
             return self.in_words(c)
         large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())

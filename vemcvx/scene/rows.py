@@ -105,7 +105,7 @@ class ContactRows:
         return ContactRows(**picked)
 
     def owners(self, values: Ints) -> Ints:
-        """Return `values` of the row of each end, with -1 for ends without a row."""
+        """Return the value of the row of each end, or -1 for ends without a row."""
         each, found = self.ends.tocoo(), np.full(len(self.names), -1)
         found[each.col] = values[each.row]
         return found

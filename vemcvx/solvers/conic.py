@@ -1,6 +1,6 @@
 """Solvers that cvxpy can call, such as Clarabel and OSQP, with settings for a requested duality gap.
 
-The settings are for scaled programs. Errors in comments are certified errors for the requested accuracy 1e-6.
+The settings are for scaled programs.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
         "presolve_enable": False,
         "equilibrate_enable": False,  # programs are scaled already
-        "static_regularization_constant": 1e-15,  # with 1e-13, errors are too large in 1/6 of the paper's steps
+        "static_regularization_constant": 1e-15,  # with 1e-13, 1/6 of the paper's steps miss the accuracy
         "max_step_fraction": 0.999,  # saves 7 % of the iterations
     },
     "OSQP": {
@@ -58,12 +58,12 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "polish_refine_iter": 10,
     },
     "SCS": {
-        "eps_abs": SHORT,  # the default leads to errors of 2e-3
+        "eps_abs": SHORT,  # the default leads to certified errors of 2e-3
         "eps_rel": 0.0,  # data are scaled already
         "max_iters": 200_000,  # small tolerances take many iterations
         "normalize": False,  # programs are scaled already
     },
-    "HIGHS": {"qp_regularization_value": 0.0},  # the default leads to errors of 4e-6
+    "HIGHS": {"qp_regularization_value": 0.0},  # the default leads to certified errors of 4e-6
 }
 """The settings by solver, under the names of cvxpy."""
 
@@ -74,10 +74,10 @@ RETRY = {
     "CLARABEL": {
         "iterative_refinement_enable": True,  # gains the missing digits
         "static_regularization_constant": 1e-13,  # more steps reach the accuracy than with 1e-15
-        "max_step_fraction": 0.99,  # with .999, errors of the paper's steps are four times as large
+        "max_step_fraction": 0.99,  # with .999, certified errors are four times as large
     }
 }
-"""Settings that replace settings in `TUNED` in a second attempt."""
+"""Settings that replace settings in `TUNED` if a step is solved again."""
 
 COMPILING = threading.Lock()
 """The lock of cvxpy's compiler, whose counter of expressions is not thread-safe."""
@@ -179,7 +179,7 @@ class ThroughCvxpy(Solver):
         return at_gap | dict(self.options)
 
     def for_second_attempt(self) -> ThroughCvxpy:
-        """Return the solver with the settings for a second attempt at a step."""
+        """Return the solver with the settings of `RETRY`."""
         sharper = RETRY.get(self.solver, {}) if self.tuned else {}
         return replace(self, options={**sharper, **self.options})
 

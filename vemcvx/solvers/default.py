@@ -152,7 +152,7 @@ class RunSolver:
             return self.newton.solve(program, target, lam, p, law)
         if law is None or law.is_given:
             return read_answer(self.prepared.solve(program, target, lam, p), program, self.solver.name)
-        # Earlier weights may be too small to hold a body without supports.
+        # The weights of `program` may be too small to hold a body without supports.
         floats = program.operators.kernel is not None
         w = np.full(len(program.w), np.abs(program.g).sum()) if floats else program.w
         best, least, waited, iterations = None, np.inf, 0, 0

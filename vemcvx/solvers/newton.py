@@ -36,7 +36,7 @@ from vemcvx.solvers.solver import Solver
 SHIFT = 0.1
 """Factor of slips and gaps `off` in x + SHIFT * off, which predicts active sets."""
 REGULARISATION = 1e-11
-"""Number added to the diagonal, because rows may be linearly dependent."""
+"""Number added to the diagonal of P W Q, because rows may be linearly dependent."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
 """Relative errors of the law that end corrections, a step, and a step without progress."""
 MAX_CORRECTIONS = 20  # largest number of corrections with one factorisation

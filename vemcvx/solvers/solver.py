@@ -132,7 +132,7 @@ class ScaledFactor(Factor):
 class ScaledSolver:
     """A prepared solver that receives scaled programs.
 
-    Let kappa be the largest entry of diag(K). Let alpha be an energy norm that a step could reach, over kappa^{1/2}.
+    Let kappa be the largest entry of diag(K). Let alpha be an energy norm that a step could reach, times kappa^{-1/2}.
     Both numbers are rounded up to powers of two, so that scaling is exact. The scaled data of the `StepProgram`
 
         K^ = K / kappa,  c^ = c kappa,  (g^, w^) = (g, w) / (kappa alpha),  (b^, e^) = (b, e) / alpha

@@ -170,14 +170,14 @@ class Ledger:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """The state at an instant. Dragged terms follow the m norm terms of the program."""
+    """The state at an instant. The m norm terms come first in arrays, then the terms of `DraggedTerms`."""
 
     t: float
     y: Floats  # the retained unknowns
     unbalanced: Floats  # load - K y
     data: StepData
     weights: Floats  # (terms,) weights of the last step
-    bound: Floats  # (terms,) weights with the slips of the step added to past slips
+    bound: Floats  # (terms,) weights under all slips up to t
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the last step

@@ -213,7 +213,7 @@ class Trajectory(ArrayRecord):
     def certificate_total(self) -> Floats:
         """The accumulated relative error (N + 1,): the sum of the errors of all steps so far.
 
-        If weights are data and limits are absent, |u_n - u_n*|_a <= this error times `unit` for exact states u_n*.
+        With prescribed weights and no limits, |u_n - u_n*|_a <= this error times `unit` for exact states u_n*.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.unit)
 
@@ -296,7 +296,7 @@ class Recorder:
             self.enter_waiting()
 
     def enter_waiting(self) -> None:
-        """Write the waiting states, or raise NotCertified."""
+        """Write the waiting states with certificates, or raise NotCertified."""
         waiting, self._waiting = self._waiting, {}
         kept = {n: state for n, state in waiting.items() if (n == 0 or n in self._kept) and state.full is None}
         waiting |= zip(kept, certify_together(self._run, list(kept.values())), strict=True)

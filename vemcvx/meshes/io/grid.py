@@ -325,7 +325,7 @@ def _solids(grid: Grid, cells: Ints) -> FaceLists:
 
 
 def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) -> tuple[AnyTessellation, list[str]]:
-    """Return the mesh with named boundaries, and notes on other parts."""
+    """Return the mesh with named boundaries, and notes on omitted parts."""
     notes, boundaries = list(grid.notes), {}
     whole, dimension = mesh.boundaries[WHOLE], mesh.points.shape[1]
     number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map

@@ -1,4 +1,4 @@
-"""Parallel runs with many settings, and errors against a reference run.
+"""Parallel runs with many settings, and errors measured against a reference run.
 
 Let n be the largest number of cells along a side, and k the largest number of steps. The reference has 2 n cells along
 a side and 4 k steps. If Galerkin orthogonality holds, (measured error)^2 = error^2 - (error of the reference)^2. If an

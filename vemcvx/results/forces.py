@@ -48,7 +48,7 @@ class BoundaryForces(ArrayRecord):
     """The forces of effects, one row per node and side."""
 
     causes: Annotated[Ints, "acting 2", ""]  # effect numbers, -1 for none
-    ends: Annotated[Ints, "acting 2", ""]  # node, and the second node of the edge or the face number
+    ends: Annotated[Ints, "acting 2", ""]  # pairs (node, side), where a side is a face, or the other node of an edge
     held: Annotated[Bools, "acting", ""]  # True for supports
     force: Annotated[Floats, "S acting dim", "force"]
     loads: Annotated[Floats, "S loads dim", "force"]  # total force of each load

@@ -203,7 +203,7 @@ def run_trials(
 def try_all(
     pipe: Connection, typed: str, folder: Path, names: Sequence[str], tolerances: Sequence[float], limit: float
 ) -> None:
-    """Send pairs (trial, time limit of the next pair) through the pipe."""
+    """Send pairs (trial, limit) through the pipe. The limit is the longest time to the next pair."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Some libraries always print.
     use_one_thread()
     solver = make_solver(typed, None, "--solvers")

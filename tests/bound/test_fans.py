@@ -26,12 +26,12 @@ def fans(family="voronoi", lam=1.5, n=6):
 
 
 def edge_motion(one, field):
-    """Return the values (c, 4 n) of a field at both ends of outer edges."""
+    """Return the values of a field at both ends of outer edges."""
     return np.stack([field(one.corners), field(np.roll(one.corners, -1, axis=1))], axis=2).reshape(len(one.cells), -1)
 
 
 def outline_of(one, field):
-    """Return the values (c, 4 n) of a field at vertices and middles of edges."""
+    """Return the values of a field at vertices and middles of edges."""
     return field(one.outline).reshape(len(one.cells), -1)
 
 

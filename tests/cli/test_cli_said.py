@@ -22,7 +22,7 @@ TERMINAL = SimpleNamespace(isatty=lambda: True)
 
 
 def split_words(text):
-    """Return the words without numbers and without frames of help."""
+    """Return the ASCII words without digits."""
     return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
 
 

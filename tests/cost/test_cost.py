@@ -140,7 +140,7 @@ def wait_for(condition):
     raise AssertionError("the condition was never true")
 
 
-@pytest.mark.skipif(not list(Path("/proc/self/task").glob("*/children")), reason="the test needs lists of children")
+@pytest.mark.skipif(not list(Path("/proc/self/task").glob("*/children")), reason="child processes are not listed")
 @pytest.mark.long
 @pytest.mark.parametrize(("sent", "code"), [("SIGKILL", -9), ("SIGINT", 130)])
 def test_an_ended_sweep_leaves_no_process(tmp_path, sent, code):

@@ -24,7 +24,7 @@ NOISE = 1e-6
 def compare_steps(scene, mesh, times, initial=None, parts=24):
     """Return (estimated error) / (true error) of the steps, and the relative true error.
 
-    The reference run splits each step into `parts` steps, and also has the instants where data bend or jump.
+    The reference run splits each step into `parts` steps, and has instants at all kinks and jumps of data.
     """
     posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)

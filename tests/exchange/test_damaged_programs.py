@@ -15,7 +15,7 @@ from vemcvx.program import Operators, StepProgram
 
 @pytest.fixture
 def sound(tmp_path):
-    """A folder with files of programs with norm terms, hard limits and soft limits."""
+    """A folder of undamaged program files."""
     rng, n = np.random.default_rng(0), 8
     K = sp.csr_matrix(sp.diags_array([np.full(n, 4.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], offsets=[0, 1, -1]))
     for form in ("npz", "cbf", "mps"):

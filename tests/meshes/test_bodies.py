@@ -190,7 +190,7 @@ def test_invalid_interfaces_are_refused():
 
 @mostly_long("family", EVERY, "voronoi", "triangles", "tetrahedra")
 def test_a_crack_inside_a_body_has_two_lips_and_a_tip(family):
-    """Cut from the left side to the middle. The node at the tip stays single, and both lips have equal points."""
+    """Cut from the left side to the middle. The node at the tip stays single, and points of both lips coincide."""
     whole = EVERY[family](3 if family == "kelvin" else 4, seed=1).with_boundary("half", lambda x: x[:, 0] < 0.5)
     near = whole.centroids[:, 0] < 0.5
     above = near & (whole.centroids[:, -1] > 0.5)

@@ -16,7 +16,7 @@ UP = ((0, 1), (0, 1), (1, 2))
 
 
 def check_mesh(mesh):
-    """Make the mesh again, with all checks."""
+    """Return a checked copy of the mesh."""
     named = {k: v for k, v in mesh.boundaries.items() if k not in (*mesh.interfaces, "boundary")}
     return vx.PolyhedralMesh(mesh.points, mesh.cells, boundaries=named, interfaces=dict(mesh.interfaces))
 

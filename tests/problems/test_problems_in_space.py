@@ -129,7 +129,7 @@ def test_a_skew_joint_is_a_friction_spring(family):
 
 @pytest.mark.long
 def test_a_ball_lifts_off_the_back_of_its_socket():
-    """Faces at a node are inclined by at most pi / 8 to the mean normal."""
+    """Normals of faces deviate from the mean normal of a node by at most pi / 8."""
     history = simulate(ball, 2)
     contact = history.contact
     assert np.abs(history.stress(1) + ball.PRESSURE * np.array([1, 1, 1, 0, 0, 0])).max() < 1e-9 * ball.PRESSURE

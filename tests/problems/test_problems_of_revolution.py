@@ -36,7 +36,6 @@ def test_a_sleeve_is_pushed_off_by_the_force_of_its_joint(poisson):
     assert contact.pressure[1] @ contact.lengths == pytest.approx(pressure * contact.lengths.sum(), rel=2e-3)
     assert contact.lengths.sum() == pytest.approx(2 * np.pi * sleeve.RADII[1] * sleeve.LENGTH, rel=1e-12)
     assert sleeve.push_force(history)[-2:] == pytest.approx(force, rel=2e-3)
-    # Farther than a wall thickness from both ends, stresses are uniform.
     z, wall = contact.points[:, 1], sleeve.RADII[2] - sleeve.RADII[0]
     inside = (z > wall) & (z < sleeve.LENGTH - wall)
     exact = pressure * np.exp((z - sleeve.LENGTH) / length)

@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """On every mesh a block of weight G slips up a slope of angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
-    # Fixed-point iterations solve each program to a tenth of the requested error. Clarabel needs polishing for this.
+    # Fixed-point iterations need a tenth of the requested error in each program. Clarabel reaches it by polishing.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")
@@ -87,7 +87,7 @@ def test_a_viscous_bar_creeps_as_kelvin_and_voigt_say():
 @mostly_long("asperities", [False, True], 1)
 def test_a_beam_on_winklers_foundation(asperities):
     """Deflections are within two per cent of the theory of slender beams. On asperities the ends lift off."""
-    # The springs are much softer than the plate, so the certified error is about 1e-8.
+    # Rounding errors are about 4e-8, because the springs are much softer than the plate.
     solver = vx.Newton(accuracy=1e-6)
     history = vx.simulate(winkler.scene(asperities), winkler.mesh(5), winkler.times(2), solver=solver)
     low = history.mesh.points[:, 1] == 0

@@ -85,7 +85,7 @@ def test_a_bolted_joint_wears_equally_in_every_cycle(cycles):
     """The joint never slips as a whole, and the middle under the bolt does not wear."""
     history = vx.simulate(joint.scene(), joint.mesh(10), joint.times(4 * cycles), initial=joint.initial)
     assert history.certificate.max() < 1e-8
-    # Each step begins on the active sets of the step before, and needs few linear systems.
+    # Each step begins with the active sets of the previous step, and needs few linear systems.
     assert history.iterations[1:].max() <= FEW_SETS
     assert history.contact.sticking.any(axis=1).all()
     added = np.diff(history.contact.wear[::4], axis=0)[1:]
@@ -132,13 +132,13 @@ def test_two_cylinders_have_the_pressure_of_hertz():
     half_width, peak = cylinders.hertz(force)
     assert fit_half_ellipse(x, p) == pytest.approx((half_width, peak), rel=0.02)
     assert p.max() == pytest.approx(peak, rel=0.02)
-    # The error of the end of contact is less than a cell of the coarser mesh.
+    # The error of the half-width is less than a cell of the coarser mesh.
     assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)
 
 
 @pytest.mark.long
 def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
-    """Beyond a strip's height from the ends, nodal tractions are within one per cent of the theory."""
+    """Away from the ends, nodal tractions are within one per cent of the theory."""
     history = vx.simulate(lap.scene(), lap.mesh(4), lap.times(1))
     x, q = lap.bond(history)
     inner = (x > lap.HEIGHT) & (x < lap.LENGTH - lap.HEIGHT)

@@ -1,1 +1,1 @@
-"""Properties of every mesh, material, load and bound: one function per property, with examples by hypothesis."""
+"""Properties of every mesh, material, load and bound: one function per property, tested on random examples."""

@@ -73,7 +73,7 @@ def no_competitor_is_better(case, size, seed):
 
     G is primal minus dual objective at the stored increment d. So P(d) - P(d*) <= G for the exact d*, by weak duality.
     The gap of a certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong
-    convexity gives 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G; the second statement is the triangle inequality.
+    convexity gives 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G. The triangle inequality then bounds |d - c|_K.
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):

@@ -32,7 +32,7 @@ def history(request):
 
 
 def fields(history):
-    """Return the values (stored steps, n) and the places of each field."""
+    """Return the values and the places of each field."""
     stored, contact = history.stored.tolist(), history.contact
     principal = np.array([history.principal_stresses(n) for n in stored])
     over = "length" if history.mesh.points.shape[1] == 2 else "area"

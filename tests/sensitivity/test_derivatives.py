@@ -94,7 +94,7 @@ def compare(seed, kind):
                 same &= (active_sets(other) == sets).all(axis=1)
     steps = int(np.argmin(np.append(same, False)))
     size = np.abs(quotients).max(axis=(1, 2), keepdims=True)
-    # `vx.Newton` adds 1e-11 to a unit diagonal, so sticking nodes have slips of about 1e-11.
+    # The regularisation of `vx.Newton` causes slips of about 1e-11 at sticking nodes.
     size = np.maximum(size, 1e-5 * np.abs(found.values).max())
     off = np.abs(found.jacobian * theta - quotients)[:, :steps]
     assert (off <= 1e-6 * size).all(), f"{kind}, seed {seed}: {(off / size).max():.1e}"

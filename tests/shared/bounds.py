@@ -107,7 +107,7 @@ def strain_at(circle, u, t, x):
 
 
 def error_from(circle, u, t, strain):
-    """Return |w - v|_a, where w has the strains strain(x), (q, 3), and v is the conforming displacement of u."""
+    """Return |w - v|_a. The strains of w are strain(x), and v is the conforming displacement of u."""
     return integrate_error(compute_nodal_values(circle, u, t), strain)
 
 

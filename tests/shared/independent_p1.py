@@ -67,7 +67,7 @@ def scalar(value):
 
 
 class NotPolished(AssertionError):
-    """The error if no sets satisfy all optimality conditions."""
+    """Raised if no sets satisfy all optimality conditions."""
 
 
 @dataclass

@@ -28,7 +28,7 @@ def test_coulomb_scenes_converge_with_the_mesh_where_undamped_active_sets_cycle(
         energy.append(history.energy[-1])
         dissipated.append(history.dissipated[-1])
     assert np.ptp(energy) < 0.005 * energy[-1]
-    # At n = 16, the dissipation differs from finer meshes by 0.7 %.
+    # At n = 16, the dissipation has an error of 0.7 %.
     assert np.ptp(dissipated[1:]) < 0.005 * dissipated[-1]
     for values in (energy, dissipated):
         assert (np.diff(np.abs(np.diff(values))) < 0).all()

@@ -17,7 +17,7 @@ import vemcvx as vx
     ],
 )
 def test_instants_are_where_data_turn_and_bend(pull, turning, n):
-    """The vertex of a parabola through three samples of f at distances h has an error of at most f''' h^2 / (6 f'')."""
+    """The vertex of a parabola through samples of f with the spacing h has an error of at most f''' h^2 / (6 f'')."""
     load = vx.Traction(lambda x, t: np.broadcast_to(np.stack(pull(x, t), axis=-1), x.shape), on="top")
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="bottom"), load)
     found = np.setdiff1d(vx.instants(scene, vx.meshes.squares(n), [0.0, 1.0]), [0.0, 1.0])

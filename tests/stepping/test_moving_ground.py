@@ -26,7 +26,7 @@ def belt(x, t):
 
 
 def less(x, t):
-    """Return the opposite of the motion of the ground since t = 0."""
+    """Return minus the displacement of the ground since t = 0."""
     return run(0.0) - run(t), 0.0
 
 

@@ -30,8 +30,8 @@ def test_friction_work_and_work_are_of_second_order():
             best = getattr(truth, f"{name}_second_order")[-1]
             errors[kind] = [abs(getattr(runs[steps], kind)[-1] - best) / best for steps in (24, 48)]
         first, second = errors[name], errors[f"{name}_second_order"]
-        # Half the step gives half the error of first order, and a quarter of the error of second order. The limit .34
-        # allows for steps in which nodes begin to slip.
+        # With half the step, first-order errors are halved, and second-order errors are quartered. The limit .34 allows
+        # for steps in which nodes begin to slip.
         assert first[1] > 0.4 * first[0]
         assert second[1] < 0.34 * second[0]
         assert second[0] < 0.2 * first[0]

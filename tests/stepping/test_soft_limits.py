@@ -50,7 +50,7 @@ def test_soft_contact_and_weak_springs_balance_the_load(k, linear):
     history = settled(scene, mesh, linear=linear, condense=False)
     assert history.certificate.max() <= 1e-8
     left = np.unique(mesh.boundaries["left"])
-    # The trapezoidal rule integrates k times the displacement, the force of the springs.
+    # The trapezoidal rule integrates the spring force, which is k times the displacement.
     share = np.ones(len(left))
     share[[np.argmin(mesh.points[left, 1]), np.argmax(mesh.points[left, 1])]] = 0.5
     spring = -k * float(share @ history.displacement[1, left, 1]) / (len(left) - 1)

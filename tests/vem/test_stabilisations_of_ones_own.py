@@ -62,7 +62,7 @@ STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress", stabilisation="unit")
 
 
 def test_the_stiffness_the_budget_and_the_nodal_distance_have_the_same_form():
-    """Fields with the difference w have the squared nodal distance w'Aw, with the stiffness matrix A."""
+    """The squared nodal distance of two fields is w'Aw, with the difference w and the stiffness matrix A."""
     mesh = small("voronoi", 4)
     west = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("west", west).with_cell_data("east", 1.0 - west)

@@ -91,7 +91,7 @@ def test_normals_of_a_regular_polygon_are_radial():
 
 @pytest.mark.parametrize("turns", [(0.1, 0.1), (0.1, 0.3), (0.02, 0.5)])
 def test_normals_between_unequal_sides_are_normals_of_the_circle_through_their_nodes(turns):
-    """The error is O(angle^3). Very short sides add a small fraction of the angle."""
+    """The error is O(angle^3)."""
     angles = np.array([-0.5 * np.pi - turns[0], -0.5 * np.pi, -0.5 * np.pi + turns[1]])
     mesh = make_polygon(*np.column_stack([np.cos(angles), np.sin(angles)]), (0, 3)).mesh
     rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < -0.5)).part("base", "test").node_normals

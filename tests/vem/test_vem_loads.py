@@ -43,7 +43,7 @@ SHAPES = {
     ],
     "straight vertices": [(0, 0), (1, 0), (2, 0), (5, 0), (5, 1), (5, 2), (2.5, 2), (0, 2), (0, 1.5)],
     "thin": [(1, 1e-5), (0.3, 7e-5), (-0.8, 6e-5), (-0.9, -4e-5), (0.2, -1e-4)],
-    # The rule of four points would have points on the base of this triangle.
+    # A quadrature rule of four points would have points on the base.
     "hanging node": [(-1, 0), (0, 0), (1, 0), (0, 1.5)],
 }
 

@@ -137,7 +137,7 @@ def assert_agreement(seed):
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("seed", [0, 3, 12, 25])
 def test_stacks_agree_with_independent_programs(seed):
-    """In stack 25, fixed-point iterations meet friction bounds that are too small to hold the middle body."""
+    """In stack 25, friction bounds of some iterations are too small to hold the middle body."""
     assert_agreement(seed)
 
 

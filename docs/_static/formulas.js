@@ -1,5 +1,5 @@
 "use strict";
-// A formula within a line that is wider than the page is scrolled by itself: CSS cannot tell which ones are.
+// Mark the inline formulas that are wider than their paragraph: each has its own scroll bar.
 const marked = () => {
   for (const one of document.querySelectorAll("mjx-container:not([display])")) {
     one.classList.remove("wide");
@@ -9,7 +9,7 @@ const marked = () => {
 };
 addEventListener("load", () => window.MathJax?.startup?.promise.then(marked));
 addEventListener("resize", marked);
-// Pictures of two panels side by side: narrow windows scroll them, cards show the left panel.
+// Mark the pictures of two panels side by side: narrow windows scroll them, and cards show the left panel.
 addEventListener("load", () => {
   for (const one of document.querySelectorAll("article img"))
     one.classList.toggle("wide", one.naturalWidth > 1.9 * one.naturalHeight);

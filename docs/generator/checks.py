@@ -42,7 +42,7 @@ def _check_tags(path: Path, page: BeautifulSoup) -> Iterator[str]:
 
 
 def _check_headings(page: BeautifulSoup) -> Iterator[str]:
-    """Yield faults: no single heading of the first level, or skipped levels."""
+    """Yield faults: several or no headings of the first level, or skipped levels."""
     body = page.find("article") or page.find("main") or page
     levels = [int(tag.name[1]) for tag in body.find_all(re.compile(r"^h[1-6]$"))]
     if levels.count(1) != 1:

@@ -1,5 +1,5 @@
-// A lug of aluminium with a bush of steel pressed into its hole: the upper half, in mm.
-bore = 7; joint = 10; outer = 20; grip = 60;  // radii, and the distance of the clamped end
+// A steel bush is pressed into the hole of an aluminium lug. This is the upper half, in mm.
+bore = 7; joint = 10; outer = 20; grip = 60;  // radii; the clamped end is at x = -grip
 near = 1.2; far = 4;                          // cell sizes; gmsh -clscale 0.5 halves both
 Point(1) = {0, 0, 0, near};
 Point(2) = {bore, 0, 0, near};   Point(3) = {0, bore, 0, near};   Point(4) = {-bore, 0, 0, near};

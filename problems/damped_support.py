@@ -50,7 +50,7 @@ def sinking(t, spring=SPRING):
 
 
 def sinking_of_steps(instants):
-    """Return a at every instant up to `REST`, step by step."""
+    """Return the sinking after each step of backward Euler, up to `REST`."""
     tau, most = relaxation()
     a = np.zeros(len(instants))
     for n, k in enumerate(np.diff(instants), start=1):
@@ -59,7 +59,7 @@ def sinking_of_steps(instants):
 
 
 def evaluate_loss(t):
-    """Return the energy that the dashpots dissipate until t <= `REST`."""
+    """Return the energy that the dashpots dissipate up to the time t, for t <= `REST`."""
     tau, most = relaxation()
     return LENGTH * DAMPING * most**2 / (2 * tau) * -np.expm1(-2 * t / tau)
 

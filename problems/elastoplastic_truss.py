@@ -135,7 +135,7 @@ def yield_forces():
 
 
 def girder(bays=10):
-    """Return a girder of square bays with two thin diagonals, held at the left end."""
+    """Return a girder, held at the left end; each of its square bays has two thin diagonals."""
     x = np.repeat(np.arange(bays + 1.0), 2)
     points = np.column_stack([x, np.tile([0.0, 1.0], bays + 1)])
     one = np.array([[0, 2], [1, 3], [0, 3], [1, 2], [2, 3]])

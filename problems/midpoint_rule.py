@@ -63,7 +63,7 @@ STEPS = (16, 32, 64, 128, 256)
 FINE = 4096
 """Number of intervals of the extrapolated reference in the pull from rest."""
 BEHIND = (-1 / 3, 0.0)
-"""Start of the sole in the pull from rest: slip begins at t = 1/3, which is no instant of the run."""
+"""Initial place of the sole in the pull from rest: slip begins at t = 1/3, which is no instant of the run."""
 
 
 def project(z):
@@ -130,7 +130,7 @@ def extrapolate():
 
 
 def errors(steps):
-    """Return the largest errors of both rules by experiment; in the straight pull also in the middles of steps."""
+    """Return the largest errors of both rules in each experiment; in the straight pull also in the middles of steps."""
     # The reversal at t = 1 is an instant. The last experiment has no closed form: we extrapolate backward Euler.
     pull, turn, rest = np.linspace(0, 2, steps + 1), np.linspace(0, 1, steps + 1), np.linspace(0, 2, 2 * steps + 1)
     middles = 0.5 * (pull[1:] + pull[:-1])
@@ -158,7 +158,7 @@ def errors(steps):
 
 
 def table(steps=STEPS):
-    """Return the errors of both rules, (2, len(steps)), by experiment."""
+    """Return the errors of both rules in each experiment, (2, len(steps))."""
     every = [errors(n) for n in steps]
     return {name: np.array([one[name] for one in every]).T for name in every[0]}
 

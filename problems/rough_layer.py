@@ -1,8 +1,8 @@
 r"""A block on a rough floor or on a rough cylinder: asperities act like springs, and soften the contact.
 
-The top of a column of height H, in plane stress, is pressed down by D. A rough layer lies `gap` below the column. The
-pressure p of the layer is c times its compression (Martins and Oden 1987). The stress is uniaxial, and exact on every
-mesh. The pressure is zero until D reaches the gap. Then column and layer act like springs in series,
+The top of a column of height H, in plane stress, is pressed down by D. A rough layer lies below the column at the
+distance `gap`. The pressure p of the layer is c times its compression (Martins and Oden 1987). The stress is uniaxial,
+and exact on every mesh. The pressure is zero until D reaches the gap. Then column and layer act like springs in series,
 
 $$ p = (D - \text{gap}) / (H / E + 1 / c), \qquad \text{compression of the layer } = p / c. $$
 

@@ -4,7 +4,7 @@ The strip (0, L) x (0, H) with L = 50, H = 1, E = 20000 and nu = 0 is held at x 
 end x = 0. The force is 0, F, 0 and F at t = 0, 1, 2 and 3, and linear between these instants. Tresca friction with the
 bound g acts below. Because L/H is large, the strip is nearly a rod with the friction g per length. On first loading a
 length F/g slips, and the end moves by F^2 / (2 E H g). When the load then reverses by dF, the end moves by
-dF^2 / (4 E H g), as long as the zone that slides back is inside the first zone. So the end returns by half, and the
+dF^2 / (4 E H g), as long as the zone that slides back is shorter than F/g. So the end returns by half, and the
 second push restores the displacement of the first push. The relative error of the rod model is O(H g / F).
 
     vemcvx run problems/shear_lag.py --n 4 --steps 24

@@ -18,7 +18,7 @@ $$
 All errors are relative to the largest |u*|_K up to the step. A row of the table that violates this bound is marked
 WRONG, and the exit code of the command is 1. Seconds are the median processor time of a step, in one thread. The time
 of set-up includes factorisation and condensation. The requested accuracies get stricter until a solver misses an
-accuracy. The seconds of a miss include a second attempt.
+accuracy. A solver that misses an accuracy tries again, and its seconds include both attempts.
 
 Results (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.16):
 
@@ -137,7 +137,7 @@ class Reference:
 
 
 def solvers():
-    """Return functions accuracy -> solver by name, for `OURS` and the other solvers of cvxpy."""
+    """Return a function for each name of a solver; the function takes an accuracy and returns the solver."""
     others = [name for name in list_installed() if name not in ("CLARABEL", "OSQP")]
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
@@ -284,10 +284,10 @@ def draw_series(column, rows, colour, marker):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--n", type=int, default=32, help="cells a side")
+    parser.add_argument("--n", type=int, default=32, help="number of cells per side")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--table", type=Path, help="where to write the rows (CSV)")
-    parser.add_argument("--picture", type=Path, help="where to draw them (PNG)")
+    parser.add_argument("--picture", type=Path, help="where to draw the errors (PNG)")
     chosen = parser.parse_args()
     rows = sweep(chosen.n, repeats=chosen.repeats)
     print(format_rows(rows), run_loops(), sep="\n\n")

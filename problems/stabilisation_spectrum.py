@@ -81,7 +81,7 @@ def outline(corners, smallest):
 
 
 def interior(corners, smallest):
-    """Fill the polygon with squares of the local size; return the centres that are not near the outline."""
+    """Return the centres of squares that fill the polygon, without the centres near its outline."""
     centres, half, found = np.mean([corners.min(axis=0), corners.max(axis=0)], axis=0)[None], np.ptp(corners), []
     a, b = corners, np.roll(corners, -1, axis=0)
     while len(centres):

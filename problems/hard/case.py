@@ -144,7 +144,7 @@ def attempt(case: Case, setting: Setting, solver: vx.Solver, earlier: Sequence[w
 
 
 def measure_error(setting: Setting, history: vx.History) -> float:
-    """Return the largest distance from the closed form in the energy norm, relative to the largest norm."""
+    """Return the largest error in the energy norm, relative to the largest norm of the run."""
     if setting.exact is None:
         return np.nan
     apart = (history.displacement - setting.exact[history.stored]).reshape(len(history.times), -1)

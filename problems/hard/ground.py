@@ -1,4 +1,4 @@
-"""Scenes of the cases: the block of Feng, Han and Huang, and a sheared block in closed form. Unit squares as meshes."""
+"""Scenes and meshes of the cases: the block of Feng, Han and Huang, and a sheared block with a closed form."""
 
 from __future__ import annotations
 

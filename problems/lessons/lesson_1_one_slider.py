@@ -87,7 +87,7 @@ block_and_spring()
 #
 # $$K u\,(v - u) + w|v - u_{prev}| - w|u - u_{prev}| \;\ge\; f\,(v - u) \qquad \text{for all } v.$$
 #
-# This inequality holds if and only if $u$ minimises the energy
+# The inequality of a step holds if and only if $u$ minimises the energy
 #
 # $$P(u) = \tfrac12 K u^2 - f u + w\,|u - u_{prev}|,$$
 #

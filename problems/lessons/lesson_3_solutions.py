@@ -94,9 +94,9 @@ straight = np.insert(square @ np.array([[1.0, 0.3], [-0.2, 0.5]]), 1, [0.5, 0.15
 assert np.abs(projection(hanging)[1] @ straight - straight).max() < 1e-13
 
 # %% [markdown]
-# **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part is
-# the first condition, three numbers. Its antisymmetric part is the third condition. The second condition, the mean over
-# the boundary, is not needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
+# **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part
+# gives the first condition, its antisymmetric part the third. The second condition, the mean over the boundary, is not
+# needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
 
 # %%
 pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7]])

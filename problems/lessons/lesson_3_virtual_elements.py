@@ -35,13 +35,13 @@ import vemcvx as vx
 #
 # So the mean strain, the mean rotation and the mean value on the boundary are linear functions of the vertex values.
 #
-# These means define the *projection* $\Pi v$, the linear field with
+# Mean strain, mean rotation and mean boundary value define the *projection* $\Pi v$, the linear field with
 #
 # $$\begin{gathered} \int_\omega \varepsilon(\Pi v) : \varepsilon(q) = \int_\omega \varepsilon(v) : \varepsilon(q)
 #   \;\; \text{for all linear } q, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
 #   \qquad \int_\omega \nabla \times \Pi v = \int_\omega \nabla \times v. \end{gathered}$$
 #
-# Here $\varepsilon$ is the strain. These are six conditions. Their right-hand sides are linear functions of the vertex
+# Here $\varepsilon$ is the strain. The right-hand sides of these six conditions are linear functions of the vertex
 # values $(v_{1x}, v_{1y}, v_{2x}, \dots)$. The matrix $F$ contains the coefficients:
 
 
@@ -69,9 +69,9 @@ def functionals(x):
 
 
 # %% [markdown]
-# Linear fields are combinations of two translations, one rotation and three fields of constant strain. Their vertex
-# values are the columns of a matrix $V$. If $\Pi v$ has the coefficients $p$, the left-hand sides of the six conditions
-# are $FVp$. The right-hand sides are $Fv$, so
+# A matrix $V$ contains the vertex values of a basis of linear fields: two translations, one rotation, three constant
+# strains. If $\Pi v$ has the coefficients $p$, the left-hand sides of the conditions are $FVp$. The right-hand sides
+# are $Fv$, so
 #
 # $$\begin{aligned} \Pi_* &= (FV)^{-1} F && (\text{vertex values to coefficients}), \\
 #   \Pi &= V\,\Pi_* && (\text{vertex values to vertex values}). \end{aligned}$$
@@ -252,8 +252,10 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # ## 4. Locking
 #
 # A cantilever, four long and one high, is clamped on the left. A downward force of 1 acts on its right end. With the
-# vector $f$ of nodal loads, the mean deflection of the end is $f^T u$. For rubber, Poisson's ratio $\nu$ tends to
-# $\tfrac12$, and $\Lambda$ tends to infinity. Changes of area cost more and more energy. In the limit
+# vector $f$ of nodal loads, the mean deflection of the end is $f^T u$.
+#
+# For rubber, Poisson's ratio $\nu$ tends to $\tfrac12$, and $\Lambda$ tends to infinity. Changes of area cost more and
+# more energy. In the limit
 #
 # $$\mathrm{div}\, u = 0 .$$
 #

@@ -144,8 +144,8 @@ loop_picture()
 #
 # This balance is exact. The last term is an error of backward Euler: the work uses the load at the end of the step.
 # This load differs from the mean load of the step by half of the change. There are $O(1/k)$ steps with slips of $O(k)$,
-# so the sum of these terms is $O(k)$. For our slider we compute the sum. If the load changes by $\Delta f$ in every
-# step, a moving slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
+# so the sum of the numerical terms is $O(k)$. For our slider we compute the sum. If the load changes by $\Delta f$ in
+# every step, a moving slider slips by $s_n = \pm\Delta f/K$, and it travels $5(f_{\max} - w)/K$ in all. So
 #
 # $$\sum_n \tfrac12 K s_n^2 = \tfrac12\, \Delta f \cdot \frac{5 (f_{\max} - w)}{K} .$$
 

@@ -35,11 +35,11 @@ assert error(peak=1.8, seen=1.6) == (1.8 - w) / K - (1.6 - w) / K
 assert error(peak=3.0, seen=0.5) == w / K
 
 # %% [markdown]
-# **2.** For one slider a growing load means $u_n = \max(u_{n-1}, (f_n - w)/K)$, and the last load determines the end.
-# The same holds for the chain. If one block moves forward, it pulls the others forward, because no entry of $K$ off the
-# diagonal is positive. So no block ever turns back. Every block that has moved ends with the friction $w_i$, whether
-# there is one step or a hundred. A stiffness matrix of elasticity also has positive entries off the diagonal. So a node
-# may turn back while the load grows, and the number of steps matters.
+# **2.** For one slider a growing load means $u_n = \max(u_{n-1}, (f_n - w)/K)$, and the last load determines the end
+# position. The same holds for the chain. If one block moves forward, it pulls the others forward, because no entry of
+# $K$ off the diagonal is positive. So no block ever turns back. Every block that has moved ends with the friction
+# $w_i$, whether there is one step or a hundred. A stiffness matrix of elasticity also has positive entries off the
+# diagonal. So a node may turn back while the load grows, and the number of steps matters.
 
 
 # %%

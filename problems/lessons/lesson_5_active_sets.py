@@ -28,10 +28,10 @@ import vemcvx as vx
 #
 # $$\lambda_i = \mathrm{clip}(\hat\lambda_i, -w_i, w_i), \qquad \hat\lambda_i = \lambda_i + \gamma_i s_i .$$
 #
-# We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation gives $s_i = 0$. Otherwise
-# $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two kinks. So Newton's method finds
-# the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and solves the linear system. This is
-# an *active set* iteration:
+# We call $\hat\lambda$ the *trial force*. If $|\hat\lambda_i| \le w_i$, the equation gives $s_i = 0$. If
+# $|\hat\lambda_i| > w_i$, then $\lambda_i = \pm w_i$, and $s_i$ has the same sign. The clip is linear except for two
+# kinks. So Newton's method finds the linear piece on which $\hat\lambda$ lies, replaces the clip by this piece, and
+# solves the linear system. This is an *active set* iteration:
 #
 # - If $|\hat\lambda_i| \le w_i$, node $i$ sticks: $u_i = u_{prev,i}$.
 # - Otherwise node $i$ slips in the direction of $\hat\lambda_i$, with the force
@@ -66,9 +66,9 @@ def active_sets(program, gamma, rounds=40):
 # equations hold. The sets that follow from $u$ and $\lambda$ equal the guess, so all inequalities hold.
 #
 # **A body.** We take the block of Feng, Han and Huang (Section 4) on squares, with 32 nodes on the ground. The package
-# keeps the program of every step. All other nodes are eliminated from this program, so $K$ is a full matrix for 32
-# nodes. The unknowns are the slips of these nodes in the step. In the package `b` takes the place of $u_{prev}$ and `g`
-# the place of $f$. Here `b` is zero.
+# keeps the program of every step. All nodes off the ground are eliminated from this program, so $K$ is a full matrix
+# for 32 nodes. The unknowns are the slips of these nodes in the step. In the package `b` takes the place of $u_{prev}$
+# and `g` the place of $f$. Here `b` is zero.
 
 
 # %%
@@ -226,9 +226,9 @@ errors_picture()
 #
 # $$K = \begin{pmatrix} 1 & -1 \\ -1 & 2 \end{pmatrix}, \quad f = (-3, 2), \quad w = (1, 1).$$
 #
-# In the solution the first block slides back to $u_1 = -2$. The spring between the blocks then pulls the second block
-# back with the force 2. This balances the pull on the second block, which sticks. But if the shift is large, the signs
-# of the slips determine the next guess:
+# In the solution the first block slides back to $u_1 = -2$. The spring between the blocks pulls the second block back
+# with the force 2. This balances the pull on the second block, which sticks. But if the shift is large, the signs of
+# the slips determine the next guess:
 #
 # | guess | solution of the system | next guess |
 # |---|---|---|

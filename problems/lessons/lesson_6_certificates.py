@@ -83,7 +83,7 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; the certificate ha
 # $$P(s) \ge P(s^*) + \tfrac12 |s - s^*|_K^2 .$$
 #
 # Second, $|\lambda_i| \le w_i$ implies $w_i |v_i| \ge \lambda_i v_i$ for every $i$ and every $v$. If $\lambda_i v_i$
-# replaces $w_i |v_i|$, no term of $P$ grows, and the minimum is at $Kv = f - \lambda$. So
+# replaces $w_i |v_i|$, no term of $P$ grows, and the new function has its minimum at $Kv = f - \lambda$. So
 #
 # $$\begin{aligned} P(v) &\ge \tfrac12 v^TKv - (f - \lambda)^Tv \\
 #   &\ge -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) = D(\lambda) \quad \text{for all } v. \end{aligned}$$

@@ -88,7 +88,7 @@ def below(lam):
 rounding = 10 * len(f) * EPS * np.linalg.cond(K) * (f @ np.linalg.solve(K, f))  # 10 times the rounding of P and D
 best = above(step.answer.d)
 print(f"P of the best slips  {best:.12f}\nD of the best forces {below(lam):.12f}")
-# The certificate sets slips of the size of rounding to zero, so its gap may be smaller than P - D.
+# The certificate replaces slips by zero if they are as small as rounding, so its gap may be smaller than P - D.
 assert certificate.gap <= above(s) - below(lam) + rounding
 assert below(lam) <= best + rounding
 assert best <= above(s) + rounding
@@ -141,7 +141,7 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 # mechanics it is called Uzawa's method.
 #
 # *Why this* $\rho$*?* The solution satisfies $\lambda^* = \mathrm{clip}(\lambda^* + \rho\, s(\lambda^*), -w, w)$.
-# Subtract this equation from the iteration. Clipping does not increase distances, and
+# Subtract the equation for $\lambda^*$ from the equation of the iteration. Clipping does not increase distances, and
 # $s(\lambda) - s(\lambda^*) = -K^{-1} (\lambda - \lambda^*)$. So after the iteration the error of the forces is at most
 # as long as the vector
 #
@@ -156,8 +156,8 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 #
 # and *every* iteration multiplies the error of the forces by $q$ or less.
 #
-# Nesterov's acceleration needs one more line. It saves few iterations on coarse meshes, and many on fine meshes
-# (exercise 3).
+# Nesterov's acceleration needs one more line. The acceleration saves few iterations on coarse meshes, and many on fine
+# meshes (exercise 3).
 
 # %%
 least, *_, largest = np.linalg.eigvalsh(K)
@@ -279,6 +279,6 @@ _figure
 # 3. Refine the mesh: how do $q$ and the number of iterations for a gap of $10^{-6}$ grow with the number $n$ of cells
 #    across, with and without acceleration?
 # 4. Show that $D$ is strictly concave, so the forces are unique. If two friction terms act on one node, $B$ has two
-#    equal rows. Which part of this statement remains true?
+#    equal rows. What remains unique?
 #
 # Solutions: `lesson_9_solutions.py`.

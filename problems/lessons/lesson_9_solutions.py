@@ -50,7 +50,7 @@ assert deviation <= 100 * EPS * np.linalg.cond(K) + 1e-8
 assert np.abs(p * (wall - pushed)).max() <= 100 * EPS * np.linalg.cond(K) * np.abs(f).max()
 
 # %% [markdown]
-# **3.** The stiffness at the contact nodes maps displacements to tractions. This map acts like one derivative, so the
+# **3.** The stiffness at the contact nodes maps displacements to tractions. This map behaves like a derivative, so the
 # condition number of $K$ grows like $1/h$. The bound on Uzawa's iterations grows in the same way, and the bound on
 # accelerated iterations grows like the square root of $1/h$.
 

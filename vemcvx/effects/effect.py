@@ -426,7 +426,7 @@ class Effect(ABC):
         """Return a description in one line, for `vemcvx show`."""
 
     def describe_body(self, in_plane: bool) -> str:
-        """Return `describe()` with the defaults of bodies in the plane or in space."""
+        """Return `describe()` for a body in the plane or in space."""
         return self.describe()
 
 

@@ -68,7 +68,7 @@ class SuperLUFactor(Factor):
             raise singular_matrix_error()
         c = place[len(place) - m :]
         S: Floats = (L[:, c][c] @ U[:, c][c]).toarray()
-        # SciPy keeps the copies L and U of the factors: empty both to free memory.
+        # SciPy keeps the copies L and U of the factors. Delete the entries to free memory.
         for kept in (L, U):
             kept.data, kept.indices, kept.indptr = kept.data[:0].copy(), kept.indices[:0].copy(), kept.indptr[:1].copy()
         return 0.5 * (S + S.T)

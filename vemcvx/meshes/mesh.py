@@ -296,7 +296,7 @@ class Mesh(ABC):
         ----------
         cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
             Cells to split, by default all cells. If `cells` is given, tetrahedra are split into two or more parts, else
-            into eight or more. Further cells are split until an edge has at most one hanging node, or in space none.
+            into eight or more. Further cells are split until each edge has at most one hanging node, or in space none.
 
         Raises
         ------

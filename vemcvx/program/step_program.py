@@ -65,8 +65,8 @@ class StepProgram(ArrayRecord):
     """The program of one step: its data, and the operators that all steps share.
 
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e. If limit j has a compliance c_j > 0, the
-    energy (D_j d - e_j)_+^2 / (2 c_j) replaces the bound. At the solution K d = g - B'lam - D'p with |lam_i| <= w_i and
-    p >= 0.
+    energy (D_j d - e_j)_+^2 / (2 c_j) replaces the bound. At the solution, K d = g - B'lam - D'p with |lam_i| <= w_i
+    and p >= 0.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ def straighten_normals(supports: Sequence[Support], parts: Sequence[Any]) -> lis
     each = np.concatenate([*(one.directions for one in supports), *(part.normals for part in parts)])
     pairs, given = pairs_of(everything), sum(len(one.nodes) for one in supports)
     place, lead = distinct_pairs(*pairs)[1], merge_terms(pairs, each, within=DIRECTION_TOLERANCE)[0]
-    # The coordinate axes at fully held nodes must not turn the normal of an inclined obstacle.
+    # At fully held nodes, coordinate axes must not replace the normal of an inclined obstacle.
     fully_held = np.bincount(place[lead[lead < given]], minlength=len(place)) >= each.shape[1]
     of_those = np.where(np.arange(len(place)) < given, fully_held[place], 0)
     first, group = merge_terms(pairs, each, kinds=of_those, within=DIRECTION_TOLERANCE)

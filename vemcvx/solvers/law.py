@@ -56,7 +56,7 @@ class Weights:
         return w / self.term_units
 
     def _measure(self, slip: Floats) -> Floats:
-        """Return slips, or slip rates for laws of rates."""
+        """Return slips, or slip rates if the law depends on rates."""
         if self.norms is None or not self.norms.rule.rates:
             return slip
         return slip / self.k if self.k > 0.0 else np.zeros_like(slip)

@@ -38,7 +38,7 @@ SHIFT = 0.1
 REGULARISATION = 1e-11
 """Number added to the diagonal of P W Q, because rows may be linearly dependent."""
 CORRECTION_TOLERANCE, STEP_TOLERANCE, STALL_TOLERANCE = 1e-13, 1e-11, 1e-7
-"""Relative errors of the law that end corrections, a step, and a step without progress."""
+"""Tolerances of the relative law error: in corrections, in a step, and in a step without progress."""
 MAX_CORRECTIONS = 20  # largest number of corrections with one factorisation
 FIRST_SWEEPS = 100  # gradient steps in the first call of `_sweep`
 SWEEP_TOLERANCE = 1e-6  # relative error of weights in `_sweep`

@@ -395,7 +395,7 @@ class Continued:
 
 
 Beginning = ArrayLike | str | Balanced | Continued | None
-START_TOLERANCE = 1e-6  # Largest jump of a given state in one step, relative to the energy norm.
+START_TOLERANCE = 1e-6  # Largest accepted jump from a given initial state, relative to the energy norm.
 WARNING_RATIO = 3.0  # Largest jump without a warning, relative to |P^h u_0 - nodal values of u_0| (vemcvx.projected).
 
 

@@ -227,7 +227,7 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class MirrorPlanes:
-    """Planes of symmetry, at nodes with supports in the normal direction."""
+    """Planes of symmetry at nodes, with projections onto the normals of the planes."""
 
     nodes: Ints
     projections: Floats

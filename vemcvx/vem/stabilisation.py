@@ -45,7 +45,7 @@ class Stabilisation(ABC):
         cells : CellGroup
             c cells with n vertices. `cells.corners` (c, n, dim) has coordinates relative to the first vertex of each
             cell. `cells.vertex_values()` returns the matrices (c, n, n) of Pi for vertex values. For vertex values v_i,
-            let grad Pi v = sum_i v_i (x) G_i. Then `cells.gradients()` returns the measures |K| (c,) and the vectors
+            let grad Pi v = sum_i v_i G_i'. Then `cells.gradients()` returns the measures |K| (c,) and the vectors
             |K| G_i (c, n, dim). See also :func:`vemcvx.vem.consistent_blocks`.
         C : (c, 3, 3) array, in space (c, 6, 6)
             Elastic matrices, components as in :mod:`vemcvx.vem.tensors`, force per area.

@@ -217,7 +217,7 @@ def lowest(points: Floats, offsets: Ints, vertices: Ints) -> float:
 
 
 def find_misfit(polygons: NDArray[Any], width: float, body: Ints | None = None) -> tuple[list[int], Floats] | None:
-    """Return None, or two cells that do not fit and a nearby point."""
+    """Return two cells that do not fit, and a nearby point, or None."""
     import shapely
 
     edges = shapely.coverage_invalid_edges(polygons, gap_width=width)

@@ -52,7 +52,7 @@ def read_gmsh(path: Path) -> Grid:
     first, number = same_rows(grid.offsets, grid.vertices)
     if len(first) == len(number):
         return grid
-    # Version 2 repeats a cell that belongs to several groups.
+    # Files of version 2 repeat a cell that belongs to several groups.
     together = {name: np.bincount(number, chosen) > 0 for name, chosen in grid.sets.items()}
     grid = grid.select(first)
     grid.sets = together

@@ -1,4 +1,4 @@
-"""Problem files with stages. Stages run in order and have separate folders. They are joined into one history."""
+"""Problem files with stages. Stages run in order, have separate folders, and are joined into one history."""
 
 from __future__ import annotations
 

@@ -395,7 +395,7 @@ def test_vtu_files_of_meshio_may_be_text_binary_or_compressed(options, tmp_path)
 
 
 def test_polyhedra_in_the_layout_of_vtk_9_4_are_read(read_text):
-    """Read a polyhedron, a hexahedron and a marked square. Then damage each list."""
+    """Read a polyhedron, a hexahedron and a marked square. Damaged lists are refused."""
     mesh = read_text(".vtu", POLYHEDRA)
     np.testing.assert_allclose(mesh.volumes, [1.0, 2.0])
     assert mesh.cell_data["young"].tolist() == [1.0, 2.0]

@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """On every mesh a block of weight G slips up a slope of angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
-    # Fixed-point iterations need a tenth of the requested error in each program. Clarabel reaches it by polishing.
+    # Each program is solved to a tenth of the requested error, which Clarabel reaches by polishing.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")

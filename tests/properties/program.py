@@ -17,7 +17,7 @@ POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.f
 
 
 def draw_increments(run, n, size, rng):
-    """Return six increments: random, three variations of the answer, the increment without friction, and zero."""
+    """Return a random increment, three variations of the answer, the increment without friction, and zero."""
     d, program = run.increment(n), run.program(n)
     free = np.linalg.solve(run.case.K, program.g)
     random = size * run.energy.norm(free) * np.linalg.solve(run.energy.factor, rng.normal(size=len(d)))

@@ -138,7 +138,7 @@ class Marched:
     def friction_gap(self, n):
         """Return the sum of w_i |s_i| - lam_i . s_i in the stored step, and its rounding error; w are `capped_weights`.
 
-        The slip s = B (y_n - y_{n-1}) of N unknowns has errors up to e = (N + 1) eps |B| (|y_n| + |y_{n-1}|). They
+        The slip s = B (y_n - y_{n-1}) of N unknowns has errors up to e = (N + 1) eps |B| (|y_n| + |y_{n-1}|), which
         change w|s| - lam.s by at most 2 w e. Rounding of lam adds 2 eps w |s|, because |lam| = w holds up to 2 eps w.
         """
         case, y, w = self.case, self.trajectory.state, self.capped_weights(n)

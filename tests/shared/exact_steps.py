@@ -407,7 +407,7 @@ def _unit_rows(rows, size):
 
 
 def _factor(dense):
-    """Return a function that solves systems with this matrix of doubles, or None if it is singular."""
+    """Return a function that solves systems with this matrix of doubles, or None if the matrix is singular."""
     size = np.abs(dense).max(axis=1, initial=0.0)
     row = np.ldexp(1.0, -np.frexp(np.where(size > 0, size, 1.0))[1])
     factors, pivots, info = la.lapack.dgetrf(row[:, None] * dense)

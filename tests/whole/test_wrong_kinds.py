@@ -274,7 +274,7 @@ def write_files(folder):
 @pytest.mark.parametrize("count", [pytest.param(10, marks=pytest.mark.long), pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["history", "program", "mesh"])
 def test_damaged_files_are_read_or_raise_errors_with_a_sentence(kind, count, tmp_path):
-    """Another process reads the files. It must not crash, hang or fill the memory."""
+    """The process that reads the files must not crash, hang or fill the memory."""
     rng, paths = np.random.default_rng(count), []
     for valid in write_files(tmp_path)[kind]:
         for k in range(count):

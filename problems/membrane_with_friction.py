@@ -70,7 +70,7 @@ class Membrane(NamedTuple):
     rough: np.ndarray
     """Nodes of the friction terms."""
     measures: np.ndarray
-    """The area or the length of friction that belongs to each node of `rough`."""
+    """The area or the length on which friction acts, for each node of `rough`."""
 
 
 def scalar_stiffness(mesh):

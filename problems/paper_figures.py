@@ -120,7 +120,7 @@ DEVIATIONS = (
         "`simulate(..., solver=...)`; the answer of a step is unique",
     ),
 )
-"""Columns: the paper, the package by default, and the option that restores the paper. There are no other deviations."""
+"""Columns: the paper, the package by default, and the option that follows the paper. There are no other deviations."""
 
 
 def figure_1(n: int = 8):
@@ -383,7 +383,7 @@ def describe_run(run: vx.History) -> str:
 
 def deviations() -> str:
     """Return the deviations of the package from the text of the paper as a table of Markdown."""
-    rows = [("the paper", "the package, by default", "the option that restores the paper"), ("---",) * 3, *DEVIATIONS]
+    rows = [("the paper", "the package, by default", "the option that follows the paper"), ("---",) * 3, *DEVIATIONS]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

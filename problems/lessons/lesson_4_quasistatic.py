@@ -282,7 +282,7 @@ assert apart[-1] < 0.5 * apart[0]
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: the distance of two states with different pasts under the same load, which falls in steps
+# Picture: the distance of two states with different pasts; under the same load this distance falls in steps
 def memory_picture():
     figure, axes = plt.subplots(figsize=(5.6, 3.0), layout="constrained")
     axes.plot(later, apart, color="tab:orange")

@@ -205,7 +205,7 @@ print("errors at the end", " ".join(f"{e:.0e}" for e in ends), "| factors", " ".
 
 
 # %% jupyter={"source_hidden": true}
-# Picture: error over rounds on a logarithmic scale, which falls slowly at first and then collapses
+# Picture: error over rounds, on a logarithmic scale; the error falls slowly at first and then collapses
 def errors_picture():
     figure, axes = plt.subplots(figsize=(5.6, 3.2), layout="constrained")
     seen = errors[errors > 1e-13]

@@ -167,7 +167,7 @@ _figure
 # ## A solver that lies
 #
 # Any object with the method `solve(program, target, lam)` is a solver for this package. The following solver is the
-# projected gradient method on the dual (lesson 9). It stops after three iterations, and reports "optimal".
+# projected gradient method on the dual (lesson 9). This solver stops after three iterations, and reports "optimal".
 
 
 # %%

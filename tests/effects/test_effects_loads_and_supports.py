@@ -90,8 +90,8 @@ def test_springs_hold_only_the_motions_that_stretch_them():
     two = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
     two = two.with_boundary("first", lambda x: x[:, 0] < 0.1).with_boundary("second", lambda x: x[:, 0] > 3.9)
     for mesh, springs, says in (
-        (one, vx.ElasticFoundation(normal=10.0, on="bottom"), r"1 rigid motion meets .* the translation \(1, 0\)"),
-        (two, vx.ElasticFoundation(7.0, 7.0, on="first"), "part 2 of 2 of the body floats: 3 rigid motions"),
+        (one, vx.ElasticFoundation(normal=10.0, on="bottom"), r"prevents 1 rigid motion: the translation \(1, 0\)"),
+        (two, vx.ElasticFoundation(7.0, 7.0, on="first"), "part 2 of 2 of the body floats: .* 3 rigid motions"),
     ):
         with pytest.raises(vx.SceneError, match=f"^supports: .*{says}"):
             pose_scene(vx.Scene(STEEL, springs), mesh)

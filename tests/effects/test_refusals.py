@@ -39,7 +39,7 @@ OWN = {
     "weights": ({"weights": lambda t: np.full(5, np.nan if t else 1.0)}, "weights at t = 0.5: found NaN"),
     "compliance": ({"compliance": np.full(5, np.nan)}, "compliance: found NaN"),
     "a gap": ({"gap": lambda t: np.full(5, np.inf if t else 0.0)}, "gap at t = 0.5: found NaN"),
-    "other rows": ({"gap": lambda t: np.zeros(2)}, r"gap at t = 0: found .* \(2,\); wanted one number, or \(5,\)"),
+    "other rows": ({"gap": lambda t: np.zeros(2)}, r"gap at t = 0: found .* \(2,\); wanted a number, or .* \(5,\)"),
 }  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def test_exact_distances_need_tetrahedra():
     assert vx.measures.energy_distance(tetrahedra, cubes, kind="projected").absolute > 0.0
     assert vx.measures.energy_distance(tetrahedra, tetrahedra, kind="exact").absolute == 0.0
     with pytest.raises(
-        vx.MeshError, match=r"^energy_distance \(first mesh\): cell 0, of 8 vertices, is no tetrahedron, "
+        vx.MeshError, match=r"^energy_distance \(first mesh\): cell 0, of 8 vertices, is no tetrahedron\. "
     ):
         vx.measures.energy_distance(cubes, tetrahedra, kind="exact")
 

@@ -98,7 +98,7 @@ def test_contradicting_limits_are_named_or_met_within_the_contradiction(D, lam, 
     K, load = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([5.0, 0.0])
     limits = vx.Limits(np.array([D, -D, [0.0, 1.0], [0.0, -1.0]]), [1.0, -1.0 - amount, lam, -lam])
     system = vx.System(K, lambda t: t * load, limits=limits)
-    message = rf"at limit 0 and limit 1, which contradict each other by {amount:.1g}\. Enlarge a gap"
+    message = rf"at limit 0 and limit 1: they contradict each other by {amount:.1g}\. Enlarge a gap"
     with pytest.raises(vx.SceneError, match=message) if amount > 1e-9 else suppress(vx.SceneError):
         found = vx.march(system, [0.0, 1.0], solver=solver, initial="settled")
         assert np.abs(found.state @ limits.D.T - limits.e).max() <= 2e-9

@@ -147,7 +147,7 @@ def test_a_sliding_motion_is_free_of_rounding():
 
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_equilibrium_starts_and_iterative_solvers_are_refused_on_a_kernel():
-    with pytest.raises(vx.SceneError, match="^initial: 'equilibrium' is without friction"):
+    with pytest.raises(vx.SceneError, match="^initial: 'equilibrium' is the state without friction"):
         vx.simulate(make_slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
     with pytest.raises(vx.NotAccepted, match="^linear solver Iterative: the stiffness has a kernel"):
         vx.simulate(make_slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Iterative())

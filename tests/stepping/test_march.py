@@ -39,7 +39,7 @@ def test_store_selects_steps_and_changes_nothing_else(store, rows, every):
     assert equal_but_for_rounding(some.reaction("right"), every.reaction("right")[rows])
     assert equal_but_for_rounding(some.stress(12), every.stress(-1))
     if 3 not in rows:
-        with pytest.raises(vx.SceneError, match=r"step 3 was not stored; stored are \[.*12\] of 0 \.\.\. 12"):
+        with pytest.raises(vx.SceneError, match=r"step 3 was not stored; stored steps: \[.*12\] of 0 \.\.\. 12"):
             some.stress(3)
 
 

@@ -75,7 +75,7 @@ def test_wrong_continuations_are_refused():
     with pytest.raises(vx.SceneError, match="another mesh"):
         vx.simulate(scene, blocks(4), times, initial=first)
     other = pulled([*LAWS["Coulomb"], vx.Pressure(20.0, on="up.top")])
-    with pytest.raises(vx.SceneError, match=r"initial: .*loads and supports at the end of that run"):
+    with pytest.raises(vx.SceneError, match=r"initial: .*loads and supports must begin as they ended in that history"):
         vx.simulate(other, MESH, [1.0, 2.0], initial=first)
     with pytest.raises(vx.SceneError, match="contradicts its supports"):
         vx.simulate(scene, MESH, times, initial=first)

@@ -168,7 +168,7 @@ def error_bound(
     """
     scene = scene_of(history, "error_bound")
     if step is None and of is not None:
-        raise SceneError("error_bound: a quantity, of=, is bounded in one step; give the step, too, such as step=-1.")
+        raise SceneError("error_bound: a quantity (of=) has bounds in a single step only; give step=, such as step=-1.")
     posed = pose_scene(scene, history.mesh, history.trajectory.times.tolist())
     if step is None:
         return _bound_history(posed, history)

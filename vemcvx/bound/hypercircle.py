@@ -339,6 +339,6 @@ def check_bounded(posed: PosedScene) -> None:
         )
     if posed.curves:
         raise SceneError(
-            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: the mesh is a polygon, over "
-            "whose corners nothing slides; vemcvx.error_budget estimates the error."
+            f"error_bound: there is no bound for {', '.join(posed.curves)} along a curve: the mesh has corners there, "
+            "over which nothing slides; vemcvx.error_budget estimates the error."
         )

@@ -130,10 +130,10 @@ class Dual:
             linear = replace(parts, loads=(), supports=(), initial_stresses=()) == Contribution()
             if not linear or not (parts.loads or moved or parts.initial_stresses):
                 raise SceneError(
-                    f"error_bound: found of={brief(effect)}; a linear quantity is given as the load whose work it is: "
-                    "Traction((1.0 / length, 0.0), on='top') for the mean displacement along x of a side, BodyForce or "
-                    "Prestress for means over the body, PrescribedDisplacement((1.0, 0.0), on='left') on a support for "
-                    "its force on the body along x; or a list of these, for their sum."
+                    f"error_bound: found of={brief(effect)}; wanted a load whose work is the quantity. "
+                    "Traction((1.0 / length, 0.0), on='top') gives the mean displacement of a side along x. BodyForce "
+                    "and Prestress give means over the body. PrescribedDisplacement((1.0, 0.0), on='left') gives the "
+                    "force along x of a support on the left. A list of loads gives the sum."
                 )
             for load in parts.loads:
                 if load.cells is None and load.edges is None:
@@ -157,9 +157,9 @@ class Dual:
         supports, lifted = self.primal.posed.supports, self.motion(self.primal.posed.space)
         if np.abs(supports.gather(lifted.ravel())).max(initial=0.0) > SAME * np.abs(lifted).max(initial=0.0):
             raise SceneError(
-                "error_bound: `of` prescribes a displacement in a direction in which no support holds the body; "
-                "give the displacement of a support, to bound the support's force: "
-                "of=PrescribedDisplacement((1.0, 0.0), on='left') is the force along x of Clamp(on='left')."
+                "error_bound: of= prescribes a displacement in a direction in which no support holds the body. "
+                "To bound the force of a support, displace its boundary: "
+                "of=PrescribedDisplacement((1.0, 0.0), on='left') gives the force along x of Clamp(on='left')."
             )
         return lifted
 
@@ -170,13 +170,12 @@ class Dual:
         edges, (_, normal) = circle.boundary.edges, circle.boundary.acting
         if circle.boundary.motions.shape[1]:
             raise SceneError(
-                "error_bound: there is no bound of a quantity, of=, if only friction or one-sided contact holds the "
-                "body; add a support."
+                "error_bound: of= has no bound if only friction or one-sided contact holds the body; add a support."
             )
         if (normal & self._moves_along(edges.units)).any():
             raise SceneError(
-                "error_bound: found of= a displacement of a support that ends next to one-sided contact in the same "
-                "direction; their forces cannot be separated."
+                "error_bound: of= displaces a support that ends next to one-sided contact in the same direction. The "
+                "forces of support and contact cannot be separated there."
             )
         parts = [effect.contribute(posed.space) for effect in self.effects]
         prestress = initial_stresses(parts, posed.material, posed.space)
@@ -220,9 +219,9 @@ class Dual:
 
         if self.primal.boundary.off_supports(z, components_of)[0] is not None:
             raise SceneError(
-                "error_bound: `of` moves a support that meets another support of the same direction: "
-                "the force of one support alone has no bound. Use the force of both supports, or a component that the "
-                "other support leaves free."
+                "error_bound: of= displaces a support that has a node in common with another support of the same "
+                "direction. The force of one support alone has no bound. Displace both supports, or displace one in a "
+                "direction that the other leaves free."
             )
 
     def interval(self, pair: Pair) -> tuple[float, float]:

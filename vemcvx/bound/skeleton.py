@@ -215,8 +215,8 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
         if (rows.names[rows.ends.indices, 1] < 0).any():
             raise SceneError(
-                f"{subject}: there is no estimate for {', '.join(subjects)}, whose edges are not known: a user's "
-                "effect gives them by ends= of its Friction, Obstacle or ContactSurface."
+                f"{subject}: there is no estimate for {', '.join(subjects)}, whose edges are not known. An effect of "
+                "your own names its edges by ends= of Friction, Obstacle or ContactSurface."
             )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:

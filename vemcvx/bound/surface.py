@@ -128,8 +128,8 @@ class Boundary:
         held = (free[[joints.first, joints.second]] != np.eye(2)).any(axis=(0, 2, 3))
         if (held & self.bonds.any(axis=(1, 2))).any():
             raise SceneError(
-                "error_bound: there is no bound if a support holds an edge of an interface whose two sides are bonded; "
-                "end the support next to the interface."
+                "error_bound: there is no bound if a support also holds edges of a bonded interface. "
+                "Give the support a boundary without these edges."
             )
         return free
 
@@ -150,8 +150,8 @@ class Boundary:
         for one in rows:
             if one.ends is None:
                 raise SceneError(
-                    f"error_bound: there is no bound for {one.subject}, whose edges are not known: a user's effect "
-                    "gives them by ends= of its Friction or Obstacle."
+                    f"error_bound: there is no bound for {one.subject}, whose edges are not known. An effect "
+                    "of your own names its edges by ends= of Friction or Obstacle."
                 )
             tips = self.reader.fine.tips(one, np.ones((len(one.nodes), 1)))
             found[int(isinstance(one, Obstacle))] |= np.isfinite(tips).any(axis=(1, 2))
@@ -286,7 +286,7 @@ class Boundary:
             if np.isfinite(distance[known]).any():
                 raise SceneError(
                     f"error_bound: there is no bound if {obstacle.subject} and another obstacle of the same kind act "
-                    "on the same edge; give each its own part of the boundary, or one effect for both."
+                    "on the same edge; give each its own part of the boundary, or replace both by one effect."
                 )
             distance[known] = read[known]
             if compliant:

@@ -53,19 +53,19 @@ def check_history(posed: PosedScene, history: History) -> None:
     if len(posed.obstacles) or laws:
         raise SceneError(
             f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history exists only "
-            "for friction with a given bound on bilateral contact (BilateralContact); "
-            "error_bound(history, step=-1) gives the bound of a step, given the step before."
+            "for TrescaFriction on BilateralContact. error_bound(history, step=-1) bounds the error of one step, "
+            "if the state before the step is exact."
         )
     if len(history.stored) < count:
         raise SceneError(
             f"error_bound: {len(history.stored)} of {count} instants were stored, and the bound over a whole history "
-            "needs all of them (store='all'); error_bound(history, step=-1) gives the bound of a step."
+            "needs all of them (store='all'). error_bound(history, step=-1) gives the bound of a step."
         )
     if history.begins == "projected":
         raise SceneError(
-            "error_bound: the run begins at vx.projected(u_0), the exact history begins at u_0, and their distance is "
-            "not known; error_bound(history, step=-1) gives the bound of a step, given the step before. Begin at nodal "
-            "values, which are exact by definition, or with initial='settled'."
+            "error_bound: the run begins at vx.projected(u_0) and the exact history at u_0. The distance between the "
+            "two is unknown. Begin with an array of nodal displacements, or with initial='settled'. "
+            "error_bound(history, step=-1) bounds the error of one step, if the state before the step is exact."
         )
 
 
@@ -106,10 +106,10 @@ def _between(posed: PosedScene, history: History) -> tuple[Floats, Floats]:
         return np.zeros(len(times)), off
     found = bends if len(bends) else off
     log.warning(
-        f"error_bound: data bend, turn or jump inside steps, or are not linear there, at t = "
+        f"error_bound: data have kinks or jumps inside steps, or are not linear in time there, at t = "
         f"{', '.join(f'{t:.6g}' for t in found[:5])}{' ...' if len(found) > 5 else ''}. The run ignores data "
         "between its instants, and the bound contains an estimate of the error that results. Simulate at "
-        "vemcvx.instants(scene, mesh, times), which includes the bends, or in finer steps."
+        "vemcvx.instants(scene, mesh, times), which includes the kinks, or in finer steps."
     )
     system, supports, instants = whole.system, whole.supports, np.union1d(times, off)
     own = [

@@ -86,7 +86,7 @@ class Comparison:
                 yield f"{row.label}: {row.outcome}: {row.message}"
         if self.most_certain is not None and not self.rigorous:
             why = "friction depends on pressure or slip, or one-sided contact occurs with friction or viscosity"
-            yield f"allowed is no bound here, because {why}"
+            yield f"the column 'allowed' is no bound here, because {why}"
         for row in self.rows:
             if row.honest is False:
                 yield f"WRONG: {row.label} is farther from {self.most_certain} than both certificates allow"

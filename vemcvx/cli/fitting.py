@@ -23,8 +23,8 @@ class Fitting:
     """The command `vemcvx fit`."""
 
     file: File
-    measured: Annotated[Path, typer.Option(metavar="FILE.csv", help="A column t, and columns of measured values.")]
-    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters to fit; the signs are kept.")]
+    measured: Annotated[Path, typer.Option(metavar="FILE.csv", help="A table of t and measured values.")]
+    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters to fit; no sign changes.")]
     mesh: Mesh = None
     n: N = None
     settings: Settings = NONE
@@ -35,7 +35,7 @@ class Fitting:
         names, given = tuple(name.strip() for name in self.by.split(",")), problem.numbers(self.settings)
         if not given.keys() >= set(names):
             known = ", ".join(given) or "none"
-            raise ProblemError(f"--by: found {self.by}; parameters of the scene that are numbers: {known}.")
+            raise ProblemError(f"--by: found {self.by}; wanted parameters of the scene that are numbers: {known}.")
         start = np.array([given[name] for name in names])
         mesh = problem.mesh(self.n or problem.default_n(16, self.mesh), self.mesh, self.settings)
         others = [setting for setting in self.settings if setting.partition("=")[0] not in names]

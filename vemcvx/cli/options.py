@@ -8,7 +8,7 @@ import typer
 
 File = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or a name that `problems` lists.")]
 Mesh = Annotated[str | None, typer.Option(help="Family of meshes, or a mesh file. (default: the problem's)")]
-Accuracy = Annotated[float | None, typer.Option(help="Certified relative energy error of a step. (default: by solver)")]
+Accuracy = Annotated[float | None, typer.Option(help="Certified relative energy error of a step. (default: solver's)")]
 Linear = Annotated[str | None, typer.Option(help="superlu, pardiso, iterative, petsc or FILE.py:CLASS.")]
 CELLS = "Cells across the shortest side."
 N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]

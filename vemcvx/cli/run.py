@@ -57,14 +57,14 @@ class Run:
     report: Annotated[bool, typer.Option("--report", help="Write report.html into the same folder.")] = False
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all"
     condense: Condense = True
-    resume: Annotated[Path | None, typer.Option(metavar="DIR", help="Continue the run whose --out was DIR.")] = None
+    resume: Annotated[Path | None, typer.Option(metavar="DIR", help="Continue the interrupted run in DIR.")] = None
     linear: Linear = None
     target: Annotated[float | None, typer.Option(metavar="X", help="Choose mesh and steps for this error.")] = None
     bound: Annotated[bool, typer.Option("--bound", help="Guaranteed bounds on the mesh error of every step.")] = False
     settings: Annotated[
         list[str], typer.Option("--set", metavar="NAME=VALUE,...", help="A parameter; several values make a study.")
     ] = NONE
-    results: Annotated[str | None, typer.Option(metavar="NAME,...", help="Columns of the table of a study.")] = None
+    results: Annotated[str | None, typer.Option(metavar="NAME,...", help="Results in the table of a study.")] = None
     workers: Annotated[int, typer.Option(min=1, help="Number of parallel processes of a study.")] = 2
 
     def __call__(self) -> None:
@@ -76,7 +76,7 @@ class Run:
         if len(several) > 1:
             self._study(problem, several)
         elif self.results:
-            raise ProblemError("--results: found a single run; give a parameter several values, --set a=1,2.")
+            raise ProblemError("--results: found only one run. Give a parameter several values, such as --set a=1,2.")
         else:
             say("\n".join(self.execute(problem)[1]))
 
@@ -125,7 +125,7 @@ class Run:
     def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
         chosen = study.chosen_results(self.results.split(",") if self.results else ())
         if self.resume is not None or self.plot or (self.out is None and self.report):
-            raise ProblemError("--set: several runs take no --resume and no --plot; --report needs --out DIR.")
+            raise ProblemError("--set: several values exclude --resume and --plot, and --report needs --out DIR.")
         if self.out:
             study.reserve_files(self.out)
         folders = [self.out and self.out / name for name in study.folder_names(several)]

@@ -27,8 +27,8 @@ def make_solver(name: str, accuracy: float | None, option: str = "--solver") -> 
         return solver
     if name.lower() not in NAMES and not any(name.upper() in known for known in interfaces()):
         raise ProblemError(
-            f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, those that cvxpy finds here, "
-            f"{', '.join(list_installed())}, and your own, FILE.py:CLASS."
+            f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, those that cvxpy finds here "
+            f"({', '.join(list_installed())}), and your own (FILE.py:CLASS)."
         )
     given: dict[str, Any] = {} if accuracy is None else {"accuracy": accuracy}
     kind = NAMES.get(name.lower())
@@ -45,7 +45,7 @@ def load_from_file(typed: str, option: str, noun: str, has: str, fits: Callable[
         raise ProblemError(f"{option}: {path} has no {name!r}; its {noun}s are {', '.join(there_are) or 'none'}.")
     found = getattr(module, name)
     if not fits(found if isinstance(found, type) else type(found)):
-        raise ProblemError(f"{option}: {path}: {name} is {brief(found)}; wanted a class with {has}, or its object.")
+        raise ProblemError(f"{option}: {path}: {name} is {brief(found)}; wanted a class (or object) with {has}.")
     return run_user_code(path, f"{name}()", found) if isinstance(found, type) else found
 
 

@@ -55,7 +55,7 @@ class Tabulated:
         if self.values.ndim not in (1, 2) or len(self.values) != shape[0] or not np.isfinite(self.values).all():
             raise SceneError(
                 f"Tabulated: found values = {brief(values)}, {shape_in_words(self.values)}; wanted {shape[0]} finite "
-                "values, or rows of them, one per instant."
+                f"numbers, or {shape[0]} rows of them, one per instant."
             )
 
     def __call__(self, x: Floats, t: float) -> Any:
@@ -109,7 +109,7 @@ class At:
         count, words = (dim, "") if shape == "vector" else (len(names), f" ({', '.join(names)})")
         row = () if shape == "number" else (count,)
         wanted = f"{count} components{words}, or an array {(m, *row)}, one row per point"
-        wanted = wanted if row else f"a number, or ({m},) values, one per point"
+        wanted = wanted if row else f"a number, or one per point, shape ({m},)"
         return _check_values(_call(value, (self.x, self.t), subject), (m, *row), subject, wanted, self.place)
 
     def place(self, row: int) -> str:
@@ -138,7 +138,7 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
 
 def read_numbers(raw: object, m: int, subject: str) -> Floats:
     """Return one number for each of m rows."""
-    return np.full(m, as_shaped_array(raw, subject, f"one number, or ({m},), one per row", (), (m,)))
+    return np.full(m, as_shaped_array(raw, subject, f"a number, or one per row, shape ({m},)", (), (m,)))
 
 
 def read_finite(raw: object, m: int, subject: str) -> Floats:
@@ -179,7 +179,7 @@ class InCells:
         elif callable(value):
             x = mesh.centroids if self.x is None else self.x
             count, raw = len(x), _call(value, (x, None), subject)
-        found = _check_values(raw, (count,), subject, f"a number, or ({count},) values, one per cell", self.place)
+        found = _check_values(raw, (count,), subject, f"a number, or one per cell, shape ({count},)", self.place)
         return found if callable(value) or self.cells is None else found[self.cells]
 
     def place(self, row: int) -> str:

@@ -147,7 +147,7 @@ class Ground:
             self.vector(0.0)
             raise SceneError(
                 f"{self.subject}: found {brief(self.value)}; it is the displacement of the ground, and a constant "
-                "moves nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
+                "causes no motion. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
             )
 
     def vector(self, t: float) -> Floats:

@@ -410,7 +410,7 @@ class Pretension(Effect):
         if (rows.partners < 0).any():
             raise SceneError(
                 f"{subject}: found a boundary that is no interface. Cut the mesh of the bolt in two by vx.meshes.cut, "
-                "and join the parts by vx.meshes.bodies: their interface is the cut."
+                "join the parts by vx.meshes.bodies, and name the interface between the parts by on=."
             )
         normal = part.measures @ part.normals
         normal = normal / np.linalg.norm(normal)
@@ -454,7 +454,7 @@ class Pretension(Effect):
         if times[0] < self.until < times[-1] and not np.isclose(times, self.until, rtol=SAME, atol=0.0).any():
             raise SceneError(
                 f"{self._subject}: found until = {self.until:.6g}, which is no instant of the run: the bolt would "
-                f"be locked at {times[times < self.until][-1]:.6g}. Add it to times."
+                f"be locked at t = {times[times < self.until][-1]:.6g}. Add t = {self.until:.6g} to times=."
             )
 
     def describe(self) -> str:

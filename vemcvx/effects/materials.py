@@ -72,7 +72,7 @@ class _Elastic(MaterialLaw):
             choice(self.stabilisation, name, "stabilisation", STABILISATIONS)
         choice(self._plane, name, "plane", self._planes)
         if self.plane is not None:
-            words = "leave it out: plane strain and plane stress are for plane bodies"
+            words = "leave out plane=, which chooses between plane strain and plane stress"
             space.require_plane(f"{self._subject}: plane=", words)
         cells = cells_of(space, self.on, name)
         law, inside = self._law(data.InCells(space.mesh, inside=cells), space), 1.0 * cells
@@ -121,8 +121,8 @@ def cells_of(space: Space, on: str | Sequence[str] | None, subject: str) -> Bool
         if not isinstance(name, str) or name not in known or known[name].ndim != 1:
             there_are = ", ".join(repr(n) for n in known if known[n].ndim == 1) or "none"
             raise SceneError(
-                f"{subject}: on= selects the cells where a cell datum is nonzero; found {name!r}, but this mesh has "
-                f"{there_are}. Add one with mesh.with_cell_data(name, values)."
+                f"{subject}: found on={name!r}; cell data of this mesh: {there_are}. on= names a cell datum, and "
+                "selects the cells where it is nonzero. Add a cell datum with mesh.with_cell_data(name, values)."
             )
         cells |= known[name] != 0
     if not cells.any():

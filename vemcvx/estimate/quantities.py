@@ -111,8 +111,8 @@ def _wear_without_limit(history: History) -> str:
 def _start(history: History) -> Floats:
     if history.begins == "continued":
         raise HistoryError(
-            "quantities: the run continues another run and includes its friction work and work, but the two further "
-            "runs would not. Simulate all stages as one scene for estimates."
+            "quantities: the run continues another run, and counts the friction work and work of both. The two further "
+            "runs of the estimate would not. Simulate all stages as one scene for estimates."
         )
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None

@@ -116,7 +116,7 @@ def limit_load(scene: Scene, mesh: Mesh, load: Effect | Sequence[Effect], t: flo
     lam, p, off = balance.correct_forces(alpha, lam, p)
     c, over = balance.correct_motion(c, lam, p)
     if not max(off, over) < TOLERANCE:
-        raise SolverFailed(f"limit_load: no verified bounds: conditions are off by {max(off, over):.1e} of the forces.")
+        raise SolverFailed(f"limit_load: no verified bounds: a condition is violated by {max(off, over):.1e}.")
     upper = float(balance.w @ lengths(balance.B @ c) - balance.dead @ c)
     return LimitLoad(
         factor=min(alpha, upper) * unit / per_load,
@@ -201,10 +201,10 @@ class Balance(NamedTuple):
             warnings.simplefilter("ignore")  # cvxpy warns of inaccurate answers, but the bounds are verified.
             problem.solve(solver="CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
         if "unbounded" in str(problem.status):
-            why = "statics does not limit pressures on a body wedged between two contacts, or a contact and a support"
+            why = "statics sets no limit to pressures on a body between two contacts, or a contact and a support"
             raise SceneError(f"{subject}: friction and contact can bear every multiple of the load: {why}.")
         if "infeasible" in str(problem.status):
-            raise SceneError(f"{subject}: no forces of friction and contact balance the loads of the scene alone.")
+            raise SceneError(f"{subject}: friction and contact cannot balance the scene's loads, even at factor 0.")
         if alpha.value is None:
             raise SolverFailed(f"{subject}: Clarabel found no answer; its status is {problem.status}.")
         slips = [

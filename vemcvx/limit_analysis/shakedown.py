@@ -105,13 +105,13 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
     dead, B = sum_work(posed, N, posed.force(instants[0])), (system.B @ N).reshape(*E.shape[1:], N.shape[1])
     unit, largest = float(g.max()) or 1.0, float(np.abs(E).max())
     if largest <= SAME * max(np.abs(system.force(t)).max() for t in instants):
-        raise SceneError("shakedown: loads do not change friction, so that slip stops for every factor.")
+        raise SceneError("shakedown: the loads do not change the friction forces. Slip stops for every factor.")
     none = sp.csr_matrix((len(g), 0))
     balance = Balance(B, np.zeros((0, len(dead))), w=g / unit, J=none, dead=dead / unit, push=0.0 * dead)
     alpha, s, p, _, v = balance.solve("shakedown", E / largest)
     s, _, off = balance.correct_forces(alpha, s, p)
     if not off < TOLERANCE:
-        raise SolverFailed(f"shakedown: no verified lower bound: conditions are off by {off:.1e} of the bounds.")
+        raise SolverFailed(f"shakedown: no verified lower bound: a condition is violated by {off:.1e}.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
     # Correct v so that its sum is B c.

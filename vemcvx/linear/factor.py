@@ -140,7 +140,7 @@ class LinearSolver(ABC):
 def singular_matrix_error() -> SceneError:
     """Return the error for a stiffness matrix with a motion of zero or negative energy."""
     return SceneError(
-        "the stiffness matrix is singular or indefinite: some motion of the body costs no energy, or gains some. "
-        "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it; the K of a System must be "
+        "the stiffness matrix is singular or indefinite: some motion of the body has zero or negative energy. "
+        "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that prevent it; the K of a System must be "
         "positive definite."
     )

@@ -155,11 +155,11 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
         if low <= 0:
             raise singular_matrix_error()
         if high > 1 + 1e-6:
-            raise NotAccepted(f"{name}: the cycle has an eigenvalue of {high:.3g}; error bounds require at most 1.")
+            raise NotAccepted(f"{name}: the multigrid cycle has an eigenvalue {high:.3g}; error bounds need at most 1.")
         eps = (failure / (2 * k - 1)) ** 2
         if eps < 1 and (bound := 1.0 - (1.0 - low) / (1.0 - eps)) > 0.1 * low:
             return float(bound)
     raise SceneError(
-        f"{name}: the cycle approximates the inverse of this matrix too poorly to bound errors: eigenvalues down to "
-        f"{low:.1e} after 400 steps. {ADVICE}"
+        f"{name}: the multigrid cycle approximates the inverse of this matrix too poorly to bound errors: eigenvalues "
+        f"down to {low:.1e} after 400 steps. {ADVICE}"
     )

@@ -64,7 +64,7 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
             marked[given] = True
             return marked
     raise MeshError(
-        f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells; got "
+        f"{subject} must be cell numbers (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells; got "
         f"{brief(cells)}."
     )
 

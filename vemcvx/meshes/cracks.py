@@ -147,7 +147,7 @@ def cut(mesh: AnyMesh, point: ArrayLike, normal: ArrayLike) -> tuple[AnyMesh, An
         raise MeshError("cut: give the mesh of one body, without interfaces; cut the body before joining it to others.")
     p, n = (one_point(x, mesh.points.shape[1], f"cut: {name}") for name, x in (("point", point), ("normal", normal)))
     if not n.any():
-        raise MeshError("cut: the normal has length 0; give one that points ahead, such as (0, 1).")
+        raise MeshError("cut: the normal has length 0; give a nonzero vector, such as (0, 1).")
     offsets, nodes = mesh.cell_nodes
     depth, near = (mesh.points - p) @ (n / np.linalg.norm(n)), SAME * float(np.ptp(mesh.points, axis=0).max())
     low, high = (f.reduceat(depth[nodes], offsets[:-1]) for f in (np.minimum, np.maximum))

@@ -242,7 +242,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        rows = list_of(given, f"boundary {name!r} must be {self.PARTS}, each the numbers of its nodes")
+        rows = list_of(given, f"boundary {name!r} must be a list of {self.PARTS}, each a list of node numbers")
         if not rows:
             raise MeshError(f"boundary {name!r} has no {self.PARTS}; name one at least, or leave it out.")
         offsets, vertices = lay_flat(rows, lambda k: f"boundary {name!r}: {self.A_PART} (number {k} in the list)")

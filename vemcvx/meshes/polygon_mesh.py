@@ -214,8 +214,8 @@ def extrude(mesh: PolygonMesh, heights: ArrayLike) -> PolyhedralMesh:
     for old, new in NAMES_IN_SPACE.items():
         if old in named and new in named:
             raise MeshError(
-                f'the boundary {old!r} would be {new!r} in space, where "bottom" and "top" are the sides in z, but '
-                f"this mesh has a boundary {new!r} as well. Rename one of them."
+                f'the boundary {old!r} would become {new!r}, because in space "bottom" and "top" are the sides in z. '
+                f"But this mesh already has a boundary {new!r}. Rename one of them."
             )
     layers, nodes, cells = len(levels) - 1, mesh.n_nodes, mesh.n_cells
     offsets, vertices, owner = _layer(mesh)

@@ -251,8 +251,8 @@ def _position_error(names: tuple[str, ...], pair: Ints, at: Floats) -> MeshError
         point, edge, cure = "a point or an edge", "faces", "give both bodies the same nodes there"
     return MeshError(
         f"bodies: {a!r} and {b!r} overlap near {coordinates(at, 6)}, or touch there only in {point}, or are less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the smallest cell height apart. Move one of them: bodies in contact have "
-        f"{edge} in common, and a clearance is the gap= of a contact. If both approximate one curve or curved surface, "
+        f"{NARROW_BETWEEN_BODIES:g} of the smallest cell height apart. Move one of them. Bodies in contact must have "
+        f"{edge} in common; give a clearance as gap= of the contact. If both approximate one curve or curved surface, "
         f"{cure}."
     )
 
@@ -305,7 +305,7 @@ def _data(meshes: Mapping[str, AnyKind], body: Ints) -> dict[str, NDArray[Any]]:
             known[body == number] = values
     taken = [name for name in (BODY, *meshes) if name in data]
     if taken:
-        raise MeshError(f"bodies: a mesh has the cell datum {taken[0]!r}, a name that marks bodies. Rename the datum.")
+        raise MeshError(f"bodies: a mesh has the cell datum {taken[0]!r}, the name of a body. Rename the datum.")
     return data | {BODY: body} | {name: (body == number).astype(np.uint8) for number, name in enumerate(meshes)}
 
 

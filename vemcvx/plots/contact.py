@@ -101,7 +101,7 @@ def contact_line(history: Results, picture: str) -> ContactLine:
 def require_contact(history: Results, picture: str) -> Contact:
     """Return the contact of a history, or raise HistoryError."""
     if len(history.contact.nodes) == 0:
-        raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
+        raise HistoryError(f"{picture}: this history has no contact nodes; the scene has no contact and no friction.")
     return history.contact
 
 

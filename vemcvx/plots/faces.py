@@ -180,7 +180,7 @@ def _panels(history: Results, on: str | None, ax: Axes | None) -> Iterator[tuple
         raise HistoryError(f"contact_face: {HIDDEN}.")
     if ax is not None and len(faces) > 1:
         names = ", ".join(map(repr, faces))
-        raise HistoryError(f"contact_face: given axes show one face of contact only; select one of {names} by on=.")
+        raise HistoryError(f"contact_face: ax= shows only one contact face; select one of {names} by on=.")
     panels = [ax] if ax is not None else canvas.row_of_axes(len(faces), 6.0, 5.0)
     for panel, (name, face) in zip(panels, faces.items(), strict=True):
         yield panel, f"{name}, " * (len(faces) > 1), face

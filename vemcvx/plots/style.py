@@ -100,10 +100,10 @@ def check_units(units: Units | None, subject: str = "units") -> Units:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
     if not isinstance(units, Mapping):
-        raise HistoryError(f"{subject}: found {brief(units)}; wanted a mapping such as {{'length': 'mm'}} of {known}.")
+        raise HistoryError(f"{subject}: found {brief(units)}; wanted a dict like {{'length': 'mm'}}; keys: {known}.")
     for name, word in units.items():
         if name not in QUANTITIES or not isinstance(word, str):
-            raise HistoryError(f"{subject}: found {brief(name)}: {brief(word)}; wanted words for {known}.")
+            raise HistoryError(f"{subject}: found {brief(name)}: {brief(word)}; wanted strings; known keys: {known}.")
     return units
 
 
@@ -122,7 +122,7 @@ def window_of(raw: ArrayLike | None) -> Window | None:
     """Return the visible intervals of both axes, or None for the whole plane."""
     if raw is None:
         return None
-    wanted = "((low, high), (low, high)), the parts of both axes"
+    wanted = "((low, high), (low, high)), the range of each axis"
     found = as_shaped_array(raw, "window", wanted, (2, 2))
     if not (np.isfinite(found).all() and (found[:, 0] < found[:, 1]).all()):
         raise HistoryError(f"window: found {brief(raw)}; wanted {wanted}.")

@@ -85,7 +85,7 @@ def whole_blocks(block: Any, rows: int, subject: str) -> int:
     if not is_whole(block) or block < 1 or rows % block:
         raise SceneError(
             f"{subject}: found B with {rows} rows and block = {brief(block)}; "
-            "B must have a whole number of blocks of rows."
+            "the number of rows must be a multiple of block=."
         )
     return int(block)
 
@@ -137,7 +137,7 @@ class Operators(ArrayRecord):
         read["block"], r = whole_blocks(self.block, read["B"].shape[0], "Operators"), read["D"].shape[0]
         given = np.zeros(r) if self.compliance is None else self.compliance
         c = finite(
-            as_shaped_array(given, "Operators: compliance", f"({r},) numbers, one per limit", (r,)),
+            as_shaped_array(given, "Operators: compliance", f"one number per limit, shape ({r},)", (r,)),
             "Operators: compliance",
         )
         if (c < 0).any():

@@ -67,7 +67,7 @@ class Rows(ArrayRecord):
 
     def read_numbers(self, raw: Any, name: str, what: str = "number", signed: bool = False) -> Floats:
         """Return one checked number per term or limit."""
-        wanted, owner = f"a {what}, or ({self.count},) of them, one per {self.kind.split()[-1]}", type(self).__name__
+        wanted, owner = f"a {what}, or {self.count} of them, one per {self.kind.split()[-1]}", type(self).__name__
         found = np.full(self.count, as_shaped_array(raw, f"{owner}: {name}", wanted, (), (self.count,)))
         finite(np.where((found == np.inf) & (what == "weight"), 0.0, found), f"{owner}: {name}")
         if not signed and (found < 0).any():
@@ -340,7 +340,7 @@ class System(ArrayRecord):
             raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
         if not callable(self.load):
             raise SceneError(
-                f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
+                f"System: found load = {brief(self.load)}; wanted a function of t that gives {self.n} forces."
             )
         parts = {"norms": Norms, "limits": Limits, "motion": Motion, "damping": Damping, "kernel": Kernel}
         for name, kind in (parts | {"dragged": DraggedTerms}).items():
@@ -372,10 +372,10 @@ class System(ArrayRecord):
         )
         if work.any():
             name = kernel.names[int(np.argmax(work))]
-            raise SceneError(f"System: the motion {name} is not in the kernel of K: it costs energy.")
+            raise SceneError(f"System: the motion {name!r} is not in the kernel of K: K times it is not zero.")
         if rank_on(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
             raise SceneError(
-                f"System: a motion of K's kernel ({', '.join(kernel.names)}) moves no norm term and no limit: "
+                f"System: a motion of K's kernel ({', '.join(kernel.names)}) changes no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that resist it."
             )
 
@@ -445,7 +445,7 @@ class System(ArrayRecord):
             return None
         rows, subject = self.B.shape[0], "Norms: ground"
         raw = at_instant(self.norms.ground, t, subject)
-        return finite(as_shaped_array(raw, subject, f"({rows},) displacements, one per row of B", (rows,)), subject)
+        return finite(as_shaped_array(raw, subject, f"{rows} displacements, one per row of B", (rows,)), subject)
 
     def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
         """Return the given linear solver, or the default."""
@@ -473,5 +473,5 @@ class System(ArrayRecord):
 
     def force(self, t: float) -> Floats:
         """Return the load vector (n,) at the instant `t`, checked."""
-        subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one per unknown"
+        subject, wanted = f"System: load({t:.6g})", f"one force per unknown, shape ({self.n},)"
         return finite(as_shaped_array(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

@@ -173,8 +173,8 @@ class Results(ActingForces):
         self.row(step)
         if self.out_of_plane is None and not self.is_axisymmetric:
             raise SceneError(
-                "history: the stress normal to the plane is unknown, because a material gives its law in the plane "
-                "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
+                "history: the stress normal to the plane is unknown, because a material does not give "
+                "out_of_plane (see Material); principal_stresses(step) and stress(step) do not need it."
             )
         return self.on_cells(step)["out_of_plane_stress"]
 
@@ -262,7 +262,7 @@ class Results(ActingForces):
         stored: list[int] = self.stored.tolist()
         if not is_whole(step) or wanted not in stored:
             kept = np.array2string(self.stored, threshold=8)
-            raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
+            raise SceneError(f"history: step {brief(step)} was not stored; stored steps: {kept} of 0 ... {self.steps}.")
         return stored.index(wanted)
 
 

@@ -40,7 +40,7 @@ def section(history: Results, point: ArrayLike, normal: ArrayLike, on: str | Seq
     space.refuse_revolution("section")
     p, n = (one_point(raw, space.dim, f"section: {name}") for raw, name in ((point, "point"), (normal, "normal")))
     if not n.any():
-        raise SceneError("section: found a normal of length 0; give one that points ahead, such as (1, 0).")
+        raise SceneError("section: found a normal of length 0; give a nonzero vector, such as (1, 0).")
     some = cells_of(space, on, "section")
     used = np.zeros(len(x), dtype=bool)
     for group in space.groups:

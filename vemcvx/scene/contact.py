@@ -274,7 +274,7 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
         owner = repeat_by_row(frictions, range(len(frictions)))
         one, other = np.unique(owner[owns[:, twice[:1]].nonzero()[0]])[:2]
         both = f"{frictions[one].subject} and {frictions[other].subject}"
-        raise SceneError(f"{both}: they act on the same edges, but their grounds move differently.")
+        raise SceneError(f"{both}: they act on the same edges, but ground= differs. Give both the same ground=.")
 
 
 def warn_of_free_normals(
@@ -391,7 +391,7 @@ def _pressures(
     for f, rows in zip(frictions, slices_of(frictions), strict=True):
         if bare[rows].any():
             raise SceneError(
-                f"{f.subject}: no pressure is known at {bare[rows].sum()} of {len(f.nodes)} places; it needs "
+                f"{f.subject}: no pressure is known at {bare[rows].sum()} of {len(f.nodes)} places. Add "
                 "UnilateralContact or NormalCompliance on the same boundary."
             )
     return shares

@@ -136,11 +136,11 @@ def _refuse_floating(
     count = unfelt.shape[1]
     if count == 0:
         return
-    meet, first = ("1 rigid motion meets", ":") if count == 1 else (f"{count} rigid motions meet", "; the first is")
+    free, first = ("1 rigid motion", ":") if count == 1 else (f"{count} rigid motions", "; the first is")
     raise SceneError(
-        f"supports: {which} floats: {meet} neither a support nor friction{first} "
-        f"{describe(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact "
-        "where they prevent it; friction resists only sliding along its boundary, and loads hold nothing."
+        f"supports: {which} floats: neither a support nor friction prevents {free}{first} "
+        f"{describe(_along_axes(unfelt)[:, 0])}. Add Clamp, PrescribedDisplacement or BilateralContact where they "
+        "prevent this motion. Friction prevents only sliding along its boundary. A load prevents no motion."
     )
 
 
@@ -169,7 +169,7 @@ def check_balance(force: Callable[[float], Floats], points: Floats, times: Seque
             raise SceneError(
                 f"supports: nothing holds the body, and its loads do not balance: at t = {t:.6g} their resultant is "
                 f"{pull}, and their moment about {coordinates(centre)} is {turn}. Add Clamp, PrescribedDisplacement or "
-                "BilateralContact where it is held, or the missing loads."
+                "BilateralContact where the body is held, or add the missing loads."
             )
 
 

@@ -56,15 +56,15 @@ def compose(materials: Sequence[Material], mesh: Mesh) -> Material:
 def _check_cover(materials: Sequence[Material], mesh: Mesh) -> None:
     count = np.sum([np.ones(mesh.n_cells) if m.cells is None else m.cells for m in materials], axis=0)
     found = [
-        f"{wrong.sum()} have {words} (first: cell {(first := int(np.argmax(wrong)))} around {mesh.centroids[first]})"
-        for wrong, words in ((count == 0, "no material"), (count > 1, "more than one"))
+        f"{wrong.sum()} have {words} (first: cell {(first := int(np.argmax(wrong)))} at {mesh.centroids[first]})"
+        for wrong, words in ((count == 0, "no material"), (count > 1, "several materials"))
         if wrong.any()
     ]
     if found:
         subjects = ", ".join(m.subject for m in materials)
         raise SceneError(
-            f"materials: every cell needs exactly one; of {mesh.n_cells} cells {' and '.join(found)}. Found "
-            f"{subjects}; give each material its cells by on=, the name of a cell datum that is nonzero on them."
+            f"materials: every cell needs exactly one material. Of {mesh.n_cells} cells, {' and '.join(found)}. Found "
+            f"{subjects}. Give each material on=, the name of a cell datum that is nonzero only in its cells."
         )
 
 

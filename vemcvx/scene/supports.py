@@ -180,7 +180,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     spanned = _span_amplitudes(given, A, H, reach, points)
     if spanned.shape[1] and P.shape[1] == 0:
         subjects = ", ".join(s.subject for s in given if s.patterns is not None)
-        raise SceneError(f"{subjects}: all nodes are held or move as rigid parts; leave a body that can deform.")
+        raise SceneError(f"{subjects}: all nodes are held or belong to rigid parts; a part of the body must deform.")
     return Supports(
         P=sp.csr_matrix(sp.hstack([P, spanned])) if spanned.shape[1] else P,
         owner=np.append(owner, np.full(spanned.shape[1], site.max() + 1)),
@@ -257,8 +257,8 @@ def _span_amplitudes(
         loose = ", ".join(s.subject for s in given if s.patterns is not None)
         raise SceneError(
             f"{own.subject}: node {node} at {points[node]} is held by {' and '.join(dict.fromkeys(at_node))}, which "
-            f"contradicts the free motions of {loose}. Prescribe there the motion of the rigid part (motion= of "
-            "Rigid), or keep other supports and bilateral contact off its nodes."
+            f"contradicts the free motions of {loose}. Prescribe the motion of the rigid part by motion= of "
+            "Rigid, or remove other supports and bilateral contact from its nodes."
         )
     # Unlike Householder QR, Cholesky QR keeps motions of different parts exactly separate.
     for _ in range(2):

@@ -286,7 +286,7 @@ def _refuse(posed: PosedScene) -> None:
     }
     if any(reasons.values()):
         words = ", ".join(words for words, found in reasons.items() if found)
-        raise SceneError(f"sensitivities: found a scene without derivatives: {words}.")
+        raise SceneError(f"sensitivities: this scene has no derivatives, because {words}.")
 
 
 def _differences(
@@ -313,7 +313,7 @@ def _differences(
                 raise SceneError(f"sensitivities: theta[{j}] changes the unknowns or the contact nodes of the scene.")
             at = quantities.observe(posed, history)
             if (at.lam.any(axis=2) & ~history.trajectory.multipliers.any(axis=2)).any():
-                raise SceneError(f"sensitivities: theta[{j}] moves a support that stands still against friction.")
+                raise SceneError(f"sensitivities: theta[{j}] moves, against friction, a support at rest in the run.")
             pair.append((at.forces, at.off, np.where(at.w < np.inf, at.w, 0.0), at.values))
         forces, off, w, values = ((more - less) / (2.0 * step) for more, less in zip(*pair, strict=True))
         push = condense(run, P, forces)[0] if E is None else (P.T @ forces).T @ E

@@ -141,7 +141,7 @@ def find_quantities(names: Sequence[str], posed: PosedScene) -> Quantities:
         try:
             point = np.array([match[2].strip("()").split(",")], dtype=float)
         except ValueError:
-            raise SceneError(f"of: found the point {match[2]!r} in {name!r}; wanted coordinates: (1, 0.5).") from None
+            raise SceneError(f"of: found the point {match[2]!r} in {name!r}; wanted numbers, as in (1, 0.5).") from None
         if match[1] == "slip at":
             of_u[:] = _slip_row(posed, point, axis, name)
         else:

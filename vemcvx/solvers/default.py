@@ -200,8 +200,8 @@ def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver
     if missing:
         able = ", ".join(s.name for s in BY_SIZE if operators.features <= s.accepts)
         raise NotAccepted(
-            f"solver {asked.name}: the program has {name_features(missing)}, which it does not accept; "
-            f"it accepts {name_features(asked.accepts)}. These accept the program: {able}."
+            f"solver {asked.name}: the program has {name_features(missing)}, which this solver does not accept. "
+            f"Accepted features: {name_features(asked.accepts)}. These solvers accept the program: {able}."
         )
     return asked
 

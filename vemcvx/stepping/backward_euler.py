@@ -408,7 +408,7 @@ def initial_state(run: PreparedRun, instants: Floats, initial: Beginning) -> Sta
     if run.system.dashpots.any() and rests:
         raise SceneError(
             "initial: found 'settled', a state at rest, in which the dashpots of VelocityContact bear no force. Give a "
-            "state, such as None (zero): with dashpots every state may begin a run."
+            "state, such as None (zero): with dashpots, a run may begin with any state."
         )
     moves = run.system.is_viscous or (run.system.reads_rates and isinstance(initial, Continued))
     if moves and not rests:
@@ -455,8 +455,8 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
             )
         if run.system.kernel is not None:
             raise SceneError(
-                "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
-                "use 'settled' (one step from zero) or a given state."
+                "initial: 'equilibrium' is the state without friction, but only friction holds the body; "
+                "use 'settled' (the state after one step from zero) or a given state."
             )
         return run.condensation.response(now.force)
     return finite(as_shaped_array(initial, "initial", f"{n} finite values, one per unknown", (n,)), "initial")

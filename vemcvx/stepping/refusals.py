@@ -60,7 +60,7 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
         )
     if not reached < 0.5:
         return f"The answer is not reliable: {other}"
-    return f"Round-off alone allows {floor:.1e}: {more.lower()}" if floor > accuracy else f"{more}, or {other}"
+    return f"Round-off alone causes {floor:.1e}: {more.lower()}" if floor > accuracy else f"{more}, or {other}"
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
@@ -79,8 +79,8 @@ def refuse_contradiction(system: System, now: StepData, when: str) -> None:
         return
     against = [limits.name(int(rigid[j])) for j in np.flatnonzero(p > SAME)]
     raise SceneError(
-        f"{when}: no displacement meets the limits at {' and '.join(against)}, which contradict each other by "
-        f"{-(p @ e) / p.max():.6g}. Enlarge a gap, or give one of them a compliance."
+        f"{when}: no displacement satisfies the limits at {' and '.join(against)}: they contradict each other by "
+        f"{-(p @ e) / p.max():.6g}. Enlarge a gap, or give one of these limits a compliance."
     )
 
 
@@ -123,10 +123,10 @@ def refuse_start(run: PreparedRun, state: State, settled: State, jump: float) ->
     much = f"by {jump:.1e} of the energy norm, more than 1e-06" if np.isfinite(jump) else "from rest"
     raise SceneError(
         f"initial: the state at t = {state.t:.6g} is not {'in equilibrium' if norms is None else 'held by friction'} "
-        f"(condition (2.1)): one step at this instant moves it {much}.{where} Start from initial='settled' (one step "
-        "from zero; in a problem file, too), from 'equilibrium' (no friction), from vx.projected(u_0) if u_0 is a "
-        "function, or with loads and gaps that begin at zero. With initial=history, begin with the loads and supports "
-        "at the end of that run."
+        f"(condition (2.1) of the theory): one step at this instant moves it {much}.{where} Begin with loads and gaps "
+        "of zero, or give initial='settled' (the state after one step from zero), 'equilibrium' (the state without "
+        "friction), or vx.projected(u_0) for a function u_0. After initial=history, loads and supports must begin as "
+        "they ended in that history."
     )
 
 

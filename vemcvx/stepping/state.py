@@ -63,7 +63,7 @@ def check_norm(norm: float, t: float) -> float:
     raise SceneError(
         f"data: loads and motions in the step to t = {t:.6g} have an energy norm of {norm:.1e}; it must be between "
         f"{SMALLEST_NORM:.0e} and {LARGEST_NORM:.0e}, or energies and errors overflow or underflow. Take other "
-        "units of force or length, and zero for negligible loads and motions."
+        "units of force or length, and set negligible loads and motions to zero."
     )
 
 

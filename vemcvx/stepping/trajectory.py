@@ -240,7 +240,7 @@ def choose_stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
     if isinstance(numbers, (list, tuple, range)) and all(is_whole(n) and 0 <= n <= steps for n in numbers):
         return np.unique(np.append(np.array(numbers, dtype=np.int64), steps))
     raise SceneError(
-        f"store: found {brief(store)}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a "
+        f"store: found {brief(store)}; wanted 'all', 'last', an integer n >= 1 (every n-th step and the last), or a "
         f"sequence of step numbers from 0 to {steps}."
     )
 

@@ -208,8 +208,8 @@ def _units(vectors: Floats) -> bool:
 
 def refuses_an_unknown_name_and_lists_existing_ones(sample: EffectSample) -> None:
     if isinstance(sample.effect, IN_CELLS):
-        words = "on= selects the cells where a cell datum is nonzero; found 'wst', but this mesh has 'west', 'east'"
-        there, wrong, way = "west", "wst", r"\. Add one with mesh\.with_cell_data\(name, values\)"
+        words = r"found on='wst'; cell data of this mesh: 'west', 'east'\. on= names .* nonzero"
+        there, wrong, way = "west", "wst", r"\. Add a cell datum with mesh\.with_cell_data\(name, values\)"
     else:
         words = "there is no boundary named 'bottm'; this mesh has " + ", ".join(map(repr, sample.mesh().boundaries))
         there, wrong, way = "left", "bottm", r"; add one with mesh\.with_boundary\(name, predicate\)"

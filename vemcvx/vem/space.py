@@ -107,7 +107,7 @@ class Space:
         """Raise SceneError for a body of revolution."""
         if self.axisymmetric:
             found = f'{subject}: found a body of revolution (plane="axisymmetric")'
-            raise SceneError(f"{found}; this is available for plane bodies and bodies in space only.")
+            raise SceneError(f"{found}; available only for plane bodies and bodies in space.")
 
     def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> Part:
         """Return the part of the boundary with these names.
@@ -155,7 +155,7 @@ class Space:
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has {mesh.PARTS} of an interface ({', '.join(mesh.interfaces)}) between two "
-                "bodies, where only contact, friction, Pressure and PrescribedSlip act; name outer boundaries."
+                "bodies. Only contact, friction, Pressure and PrescribedSlip may act there; name outer boundaries."
             )
         return self._part(read_only(sides), across)
 

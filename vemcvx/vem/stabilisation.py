@@ -129,8 +129,8 @@ def _require_positive(stable: Floats, name: str) -> None:
     least, first = values[:, 0], values[:, dim * (dim + 1)]
     if ((least < -ROUNDING * largest) | (first <= ROUNDING * largest)).any():
         raise SceneError(
-            f"{name}: found a cell with {n} vertices where some v - Pi v has no positive energy; by (2.9) every motion "
-            "that is not linear needs positive energy, for example a fraction of mu times the identity."
+            f"{name}: found a cell with {n} vertices where some v - Pi v has no positive energy. Every motion v that "
+            "is not linear needs positive energy (2.9). For example, use a fraction of mu times the identity."
         )
 
 

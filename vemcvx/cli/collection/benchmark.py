@@ -83,8 +83,8 @@ class Benchmark:
     tolerances: Annotated[
         str, typer.Option(metavar="X,X,...", help="Tolerances of the solvers.", show_default="1e-1,1e-2,...,1e-15")
     ] = ",".join(f"1e-{k}" for k in range(1, 16))
-    only: Annotated[str | None, typer.Option(metavar="WORD,...", help="Instances with one of these words.")] = None
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results. (default: DIR/benchmark)")] = None
+    only: Annotated[str | None, typer.Option(metavar="WORD,...", help="Only instances named by these words.")] = None
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Output. (default: DIR/benchmark)")] = None
 
     def __call__(self) -> None:
         """Compare solvers on a collection at equal true accuracy: sweep tolerances, write a table and a picture."""

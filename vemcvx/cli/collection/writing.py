@@ -193,7 +193,7 @@ class Collection:
     """The command `vemcvx collection`."""
 
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
-    core: Annotated[bool, typer.Option("--core", help="The forty instances of the core set only.")] = False
+    core: Annotated[bool, typer.Option("--core", help="Write only the forty core instances.")] = False
     large: Annotated[bool, typer.Option("--large", help="Add programs of up to a million unknowns.")] = False
 
     def __call__(self) -> None:

@@ -64,8 +64,8 @@ def evaluate_strain(field: Field, kind: str, subject: str, cells: Ints, points: 
         bad = ~_rectangles(group.corners) if plane and n == 4 else np.full(len(group.cells), not group.simplices)
         if bad.any():
             raise MeshError(
-                f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is {known}, and "
-                "inside other cells virtual functions are not known. Measure their projections: kind='projected'."
+                f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is {known}. Inside "
+                "other cells, displacements are unknown. Measure their projections by kind='projected'."
             )
         if plane and n == 4:
             slope[group.cells] = _slopes(group, field.displacement)

@@ -72,7 +72,7 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
     sizes, values = (as_real_array(raw, subject, "a sequence of numbers") for raw in (h, errors))
     if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
         raise HistoryError(
-            f"{subject}: found {sizes.shape} sizes and {values.shape} errors; give equally many, two or more."
+            f"{subject}: found {sizes.shape} sizes and {values.shape} errors; give as many sizes as errors, at least 2."
         )
     for name, array in (("size", sizes), ("error", values[~np.isnan(values)] if missing else values)):
         wrong = ~(np.isfinite(array) & (array > 0))
@@ -273,7 +273,7 @@ def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike],
     given = errors if isinstance(errors, Mapping) else {"error": errors}
     for word in (name, *given):
         if not isinstance(word, str):
-            raise HistoryError(f"convergence_table: found the name {brief(word)}; wanted words.")
+            raise HistoryError(f"convergence_table: found the name {brief(word)}; wanted a string.")
     if not given:
         raise HistoryError("convergence_table: found no errors; give a sequence, or a mapping of names to sequences.")
     values, rates = {}, {}

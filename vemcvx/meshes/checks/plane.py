@@ -203,9 +203,9 @@ def _check_coverage(points: Floats, offsets: Ints, vertices: Ints) -> None:
     if misfit:
         (one, other), at = misfit
         raise MeshError(
-            f"cells {one} and {other} overlap near {coordinates(at, 6)}, or do not fit together "
-            "there: a vertex of one lies on an edge of the other but is not its vertex, or there is a gap narrower "
-            f"than {width:.3g}, {SINGLE_EPS:g} of the smallest cell height. Give both cells the same vertices, "
+            f"cells {one} and {other} overlap near {coordinates(at, 6)}, or do not fit together there. A vertex of one "
+            "cell lies on an edge of the other without being its vertex, or there is a gap narrower than "
+            f"{width:.3g} ({SINGLE_EPS:g} of the smallest cell height). Give both cells the same vertices, "
             "hanging nodes included, or widen the gap."
         )
 

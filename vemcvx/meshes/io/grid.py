@@ -160,8 +160,8 @@ def _list_by_vertices(mesh: PolyhedralMesh) -> tuple[NDArray[np.str_], Ints, Int
         up = [[b for a, b in edges if a == node and b not in bottom] for node in bottom]
         if not kind or any(len(ends) != 1 for ends in up):
             raise MeshError(
-                f"cell {number} is no tetrahedron, hexahedron, wedge or pyramid. Other polyhedra can only go to .vtu "
-                "files or to PyVista."
+                f"cell {number} is no tetrahedron, hexahedron, wedge or pyramid. Meshes of other polyhedra can be "
+                "written to .vtu files, or converted to PyVista."
             )
         kinds.append(kind)
         rows.append([*bottom, *dict.fromkeys(ends[0] for ends in up)])

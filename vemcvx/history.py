@@ -286,7 +286,7 @@ def joined(histories: Sequence[History]) -> History:
     return History.from_results(join(stages), stages[0].begins)
 
 
-FOR_GIVEN = "for the given friction: friction bounds are fixed by the pressure and slip of the answer"
+FOR_GIVEN = "for the given friction, whose bounds follow from the pressure and slip of the answer"
 
 
 def in_words(history: Results) -> Outline:
@@ -328,7 +328,7 @@ def _bound(bound: dict[str, Any] | None) -> Lines:
     if bound is None:
         return []
     words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
-    words += f": the error of the mesh in step {bound['step']:.0f} (largest upper bound), given the step before"
+    words += f": the error of the mesh in step {bound['step']:.0f} (largest upper bound), if the step before is exact"
     return [("bounded" if bound["reading"] else "guaranteed", f"{words}; {bound['kind']}")]
 
 

@@ -368,7 +368,7 @@ def test_runs_keep_the_largest_bound_of_their_steps_and_its_kind(scene, steps, k
     kept = {name: history.bound[name] for name in ("upper", "lower", "step")}
     assert kept == {"upper": worst.upper, "lower": worst.lower, "step": worst.steps}
     assert f"step {worst.steps}" in history.summary()
-    assert f"given the step before; {worst.kind}" in history.summary()
+    assert f"if the step before is exact; {worst.kind}" in history.summary()
     folder = history.write(tmp_path / "run")
     assert vx.read_history(folder).bound == history.bound
     assert vx.read_history(folder).summary() == history.summary()

@@ -195,21 +195,21 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     """Raise SceneError if there is no estimate."""
     if posed.system.damping is not None or posed.obstacles.rates.any():
         raise SceneError(
-            f"{subject}: there is no estimate for scenes with Viscosity or VelocityContact; compare meshes and steps "
-            "of your own choice."
+            f"{subject}: there is no estimate for scenes with Viscosity or VelocityContact; compare runs on several "
+            "meshes and with several steps."
         )
     if posed.supports.amplitudes:
         loose = ", ".join(support.subject for support in posed.supports.given if support.patterns is not None)
         raise SceneError(
             f"{subject}: there is no estimate with {loose}, whose motion is unknown: the force on its nodes is no "
-            "traction; compare meshes and steps of your own choice."
+            "traction; compare runs on several meshes."
         )
     for friction in posed.terms.frictions:
         law = friction.law
         if (law is not None and law.slips) or friction.directions is not None:
             raise SceneError(
                 f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or it acts "
-                "along given directions; compare meshes and steps of your own choice."
+                "along given directions; compare runs on several meshes."
             )
     frictions = tuple(friction.subject for friction in posed.terms.frictions)
     for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):

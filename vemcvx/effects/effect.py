@@ -212,8 +212,8 @@ class Friction(ContactSurface):
         given, shape = self.directions, self.normals.shape
         if given is not None and (np.shape(given) != shape or np.abs(np.linalg.norm(given, axis=1) - 1).max() > SAME):
             raise SceneError(
-                f"{self.subject}: found directions of shape {np.shape(given)} for normals of shape {shape}; rows along "
-                "directions have one unit vector per row."
+                f"{self.subject}: found directions of shape {np.shape(given)} for normals of shape {shape}; wanted "
+                "one unit vector per row."
             )
 
     @property

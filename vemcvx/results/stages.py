@@ -25,9 +25,9 @@ def join(stages: Sequence[Results]) -> Results:
     for k, (before, after) in enumerate(pairwise(stages), start=2):
         if why := _difference(before, after):
             raise HistoryError(
-                f"joined: stage {k} does not continue stage {k - 1}: {why}. Simulate it on the same mesh with "
-                f"initial= the history of stage {k - 1}, at times that begin where stage {k - 1} ended, and store all "
-                "steps."
+                f"joined: stage {k} does not continue stage {k - 1}: {why}. Simulate it on the same mesh, with "
+                f"the history of stage {k - 1} as initial=, at times that begin where stage {k - 1} ended, and store "
+                "all steps."
             )
     first, runs = stages[0], [stage.trajectory for stage in stages]
     shifts = accumulate((len(stage.effects) for stage in stages[:-1]), initial=0)

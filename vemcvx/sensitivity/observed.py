@@ -155,6 +155,6 @@ def _slip_row(posed: PosedScene, point: Floats, axis: Floats, name: str) -> Floa
     apart = mesh.points[surface.nodes] - (point if point.shape[1] == posed.space.dim else np.inf)
     near = surface[np.flatnonzero(still & (lengths(apart) <= SAME * mesh.h))[:1]]
     if len(near) == 0:
-        raise SceneError(f"of: found {name!r}; slips are those of contact nodes, on ground that does not move.")
+        raise SceneError(f"of: found {name!r}; a slip needs a contact node on ground that does not move.")
     along = axis - (axis @ near.normals[0]) * near.normals[0]
     return near.matrix(along[None, None], mesh.points).toarray()[0]

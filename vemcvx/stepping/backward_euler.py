@@ -450,8 +450,8 @@ def _first_unknowns(run: PreparedRun, now: StepData, initial: Beginning) -> Floa
     if isinstance(initial, str):
         if initial != "equilibrium":
             raise SceneError(
-                f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
-                "'settled' (one step from zero)."
+                f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (the state without "
+                "friction) and 'settled' (the state after one step from zero)."
             )
         if run.system.kernel is not None:
             raise SceneError(

@@ -60,7 +60,7 @@ def _advice(run: PreparedRun, reached: float, floor: float) -> str:
         )
     if not reached < 0.5:
         return f"The answer is not reliable: {other}"
-    return f"Round-off alone causes {floor:.1e}: {more.lower()}" if floor > accuracy else f"{more}, or {other}"
+    return f"Round-off causes errors of {floor:.1e}: {more.lower()}" if floor > accuracy else f"{more}, or {other}"
 
 
 def refuse_contradiction(system: System, now: StepData, when: str) -> None:
@@ -147,8 +147,8 @@ def warn_of_softening(operators: Operators, norms: Norms, shortest: float) -> No
             f"friction: weights may fall faster with slip than the elastic forces, most at {norms.name(worst)} "
             f"(the ratio of softening to stiffness is {rho:.3g}; below {STABLE_RATIO:g} a step has one solution). A "
             "step may have several solutions, or jump. Take a law that falls over a longer slip, a "
-            "stiffer body, or a law that depends only on the slip before the step; with a law of slip rates, longer "
-            "steps.",
+            "stiffer body, or a law that depends only on the slip before the step. With a law of slip rates, take "
+            "longer steps.",
             SceneWarning,
             stacklevel=2,
         )

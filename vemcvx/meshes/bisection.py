@@ -181,7 +181,7 @@ def split_about_vertices(mesh: PolyhedralMesh) -> PolyhedralMesh:
         check_polyhedral_mesh(points, list_faces(faces), found.interfaces)
     except MeshError as error:
         raise MeshError(
-            f"refine: parts of cells at their vertices would not have plane faces ({str(error).partition('. ')[0]}). "
-            "Make a new mesh with more cells, or of tetrahedra."
+            f"refine: parts of cells after the split would not have plane faces ({str(error).partition('. ')[0]}). "
+            "Make a new mesh with more cells, or a mesh of tetrahedra."
         ) from None
     return found

@@ -149,9 +149,9 @@ def _check_faces(points: Floats, listed: FaceLists, some: Ints, shapes: FaceShap
     if len(bent):
         worst = bent[np.argmax(height[bent] / sizes[face[bent]])]
         raise MeshError(
-            f"{name(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, "
-            f"and {SINGLE_EPS:g} of its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, "
-            "the same in both cells, or move the node."
+            f"{name(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane. At "
+            f"most {SINGLE_EPS:g} times its diameter {sizes[face[worst]]:.3g} is allowed. Split the face into "
+            "triangles, the same in both cells, or move the node."
         )
     plane.check_simple(places[:, :2], offsets, rounding, name)
 

@@ -256,8 +256,8 @@ def _check_kinds(grid: Grid) -> None:
     strange = sorted(kinds - {*POLYGONS, *SOLIDS, "vertex", "empty", "line"})
     if strange:
         raise MeshError(
-            f"it has cells of the kind {strange[0]!r}; only line, {', '.join((*POLYGONS, *SOLIDS))} with straight "
-            "edges and plane faces are read. Export elements of first order."
+            f"it has cells of the kind {strange[0]!r}. Kinds that are read: line, {', '.join((*POLYGONS, *SOLIDS))}, "
+            "all with straight edges and plane faces. Export elements of first order."
         )
     if not grid.bounding[0].any():
         raise MeshError(" ".join([f"it has no polygons, only {', '.join(sorted(kinds)) or 'nothing'}.", *grid.notes]))
@@ -288,7 +288,7 @@ def _interfaces(parts: dict[str, Rows]) -> dict[str, Interface]:
     for key in [name for name in parts if name.startswith(PARTNERS) and name.count(":") > 2]:
         first, second, name = key.removeprefix(PARTNERS).split(":", 2)
         if name not in parts:
-            raise MeshError(f"it has partners of an interface {name!r}, but no boundary of this name.")
+            raise MeshError(f"it has partner nodes of an interface {name!r}, but no boundary of this name.")
         edges, partners = (pad_rows(*parts.pop(one)) for one in (name, key))
         found[name] = Interface((unquote(first), unquote(second)), edges, partners)
     return found
@@ -346,5 +346,5 @@ def _with_parts(mesh: AnyTessellation, parts: Mapping[str, Rows], grid: Grid) ->
         else:
             alone.append(repr(name))
     if alone:
-        notes.append(f"the nodes of {', '.join(alone)} do not contain all nodes of {mesh.A_PART} of the boundary.")
+        notes.append(f"no boundary is made of {', '.join(alone)}: these nodes are not all nodes of {mesh.A_PART}.")
     return mesh._with_named(boundaries), notes

@@ -46,7 +46,7 @@ def read_nastran(path: Path) -> Grid:
             )
     grid = cells_of(meshio.nastran.read(io.StringIO("\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]))))
     if len(grid.points) + len(grid.kinds) != len(lines):
-        raise MeshError(f"it has {len(lines)} points and cells; {len(grid.points)} and {len(grid.kinds)} were read.")
+        raise MeshError(f"of {len(lines)} cards, only {len(grid.points)} points and {len(grid.kinds)} cells were read.")
     properties = grid.data.get("nastran:ref", grid.offsets[:0])
     grid.sets = {str(number): properties == number for number in np.unique(properties)}
     grid.bodies = tuple(name for name, chosen in grid.sets.items() if (chosen & grid.bounding[0]).any())

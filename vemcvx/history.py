@@ -315,6 +315,7 @@ def in_words(history: Results) -> Outline:
         *([("", FOR_GIVEN)] if run.given_friction.any() else []),
         *_errors(history.errors),
         *_bound(history.bound),
+        *_quote_force(history),
         ("iterations", cost),
         ("energy", f"stored {run.energy[-1]:.6g}{most}, {quoted}, of second order in the step"),
         ("", f"sums of backward Euler: dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}, of first order"),
@@ -330,6 +331,13 @@ def _bound(bound: dict[str, Any] | None) -> Lines:
     words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
     words += f": the error of the mesh in step {bound['step']:.0f} (largest upper bound), if the step before is exact"
     return [("bounded" if bound["reading"] else "guaranteed", f"{words}; {bound['kind']}")]
+
+
+def _quote_force(history: Results) -> Lines:
+    if history.force_bounds is None or history.bounded_force is None:
+        return []
+    ((on, axis),), (low, high) = history.bounded_force.items(), history.force_bounds[-1]
+    return [("", f"{low:.6g} ... {high:.6g} for the reaction of {on} along {'xyz'[axis]} in the last step")]
 
 
 def _errors(errors: dict[str, float] | None) -> Lines:

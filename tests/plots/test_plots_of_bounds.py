@@ -73,6 +73,8 @@ def test_bounds_of_the_driving_force_are_bars_and_in_files(tmp_path):
     told = json.loads((tmp_path / "run" / "summary.json").read_text())["bound_force"]
     assert (told["on"], told["axis"]) == ("right", 0)
     assert told["low"] == history.force_bounds[-1, 0] < told["value"] < told["high"]
+    words = f"{told['low']:.6g} ... {told['high']:.6g} for the reaction of right along x in the last step"
+    assert words in " ".join(history.summary().split())
 
 
 def test_the_force_of_a_support_at_an_edge_of_an_obstacle_has_no_bounds():

@@ -59,7 +59,7 @@ LINES |= {"limit_analysis": 398}
 LINES |= {"sensitivity": 784, "cost": 486, "cli": 2_912}
 LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
 """Largest number of lines of each folder."""
-TOP = 1_695
+TOP = 1_702
 """Largest number of lines of top modules and `base`, without base/canvas.py."""
 TESTS = 18_089
 """Largest number of lines of tests for the folders in `LINES`."""

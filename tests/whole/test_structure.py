@@ -52,16 +52,16 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 1_981, "solvers": 1_239, "stepping": 1_652, "linear": 887, "scene": 1_760, "effects": 2_124}
-LINES |= {"exchange": 646, "testing": 907, "cli/collection": 954}
-LINES |= {"bound": 2_604, "results": 2_424, "estimate": 1_752, "plots": 1_711}
+LINES = {"program": 1_976, "solvers": 1_225, "stepping": 1_652, "linear": 886, "scene": 1_744, "effects": 2_120}
+LINES |= {"exchange": 646, "testing": 905, "cli/collection": 952}
+LINES |= {"bound": 2_595, "results": 2_402, "estimate": 1_752, "plots": 1_701}
 LINES |= {"limit_analysis": 398}
-LINES |= {"sensitivity": 784, "cost": 486, "cli": 2_912}
-LINES |= {"meshes": 5_619, "meshes/io": 1_308, "vem": 1_767}
+LINES |= {"sensitivity": 784, "cost": 486, "cli": 2_911}
+LINES |= {"meshes": 5_613, "meshes/io": 1_308, "vem": 1_764}
 """Largest number of lines of each folder."""
 TOP = 1_702
 """Largest number of lines of top modules and `base`, without base/canvas.py."""
-TESTS = 18_089
+TESTS = 18_045
 """Largest number of lines of tests for the folders in `LINES`."""
 ALL_TESTS = 28_000
 """Largest number of lines of all tests."""

@@ -67,7 +67,7 @@ def write_kernel(folder: Path) -> None:
 
 
 def run_code(sources: Path, folder: Path) -> None:
-    """Write the live pages, and run the cells that are not in the cache."""
+    """Write the pages of `vemcvx app --html`, and run the code cells that are not in the cache."""
     from generator.gallery import LIVE
     from jupyter_cache import get_cache
     from jupyter_cache.executors.utils import create_cache_bundle, single_nb_execution

@@ -1,9 +1,9 @@
 r"""A crack in prestressed rock under fluid pressure: it opens once the pressure exceeds the prestress.
 
-A block |x|, |y| < 10 a in plane strain has the prestress -S_H along x and -S along y, across the crack |x| < a, y = 0.
-The pressures S_H and S act on its sides, so that the block needs no supports. A fluid of pressure p(t) presses both
-faces of the crack apart. Until p = S the faces touch with the pressure S - p. If p > S, a crack in an infinite body
-opens by (Sneddon 1946)
+A block |x|, |y| < 10 a in plane strain has the crack |x| < a, y = 0. The prestress is -S_H along x and -S along y. The
+pressures S_H and S act on the sides of the block, so that the block needs no supports. A fluid of pressure p(t) presses
+both faces of the crack apart. Until p = S the faces touch with the pressure S - p. If p > S, a crack in an infinite
+body opens by (Sneddon 1946)
 
 $$ \frac{4 (1 - \nu^2)}{E} (p - S) (a^2 - x^2)^{1/2}. $$
 

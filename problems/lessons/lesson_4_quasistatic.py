@@ -3,8 +3,8 @@
 
 # %% [markdown]
 # *You need:* lessons 1 and 2. *You will see:* that the time step $k$ cancels from the program, that the answer depends
-# on the whole *path* of the load, and that every step has an exact energy balance, in which backward Euler causes a
-# loss of order $O(k)$.
+# on the whole *path* of the load, and that every step has an exact energy balance. In all steps together,
+# backward Euler causes a numerical loss of $O(k)$.
 #
 # Lessons 1 and 2 took single steps. Now many steps follow each other. Equation numbers refer to the paper of Feng, Han
 # and Huang.

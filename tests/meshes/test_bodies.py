@@ -160,7 +160,7 @@ def test_three_bodies_at_one_edge_overlap():
 
 
 def test_cell_data_of_one_body_are_zero_on_the_others():
-    """The cell datum "soft" may have the name of a body, because the values on this body are 1."""
+    """A body and a cell datum may have the same name, "soft", if the datum is 1 on this body."""
     soft = squares(1).with_cell_data("E", [2.5]).with_cell_data("soft", np.ones(1))
     hard = squares(1, NEXT_DOOR).with_cell_data("core", [True])
     mesh = bodies({"soft": soft, "hard": hard})

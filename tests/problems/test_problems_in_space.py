@@ -200,7 +200,7 @@ def test_an_adaptive_bracket_has_less_than_a_third_of_the_nodes(n, target):
 @pytest.mark.filterwarnings("ignore:supports")
 @pytest.mark.parametrize(("n", "upper", "highest"), [(8, None, 0.03), (12, 9, 0.07)])
 def test_two_balls_press_as_hertz_says(n, upper, highest):
-    """Radius and peak of the pressure agree with Hertz within 3 %."""
+    """Contact radius and peak pressure agree with Hertz within 3 %."""
     history = simulate(balls, n, mesh=balls.mesh(n, upper=upper))
     radius, peak = balls.hertz(balls.force(history)[-1])
     found = balls.measure(history)

@@ -125,7 +125,7 @@ def test_a_pad_brakes_a_disc():
 
 @pytest.mark.long
 def test_two_cylinders_have_the_pressure_of_hertz():
-    """Half-width and peak agree with Hertz within two per cent."""
+    """The half-width of the contact and the peak pressure agree with Hertz within two per cent."""
     history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
     contact, force = history.contact, cylinders.force(history)[-1]
     x, p = contact.points[:, 0], contact.pressure[-1]

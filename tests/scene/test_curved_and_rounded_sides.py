@@ -1,4 +1,4 @@
-"""Straight sides whose points are rounded, and polygonal sides that approximate a curve."""
+"""Straight sides with rounded coordinates, and polygonal sides that approximate a curve."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]
 
 
 def block(rounded=lambda x: x, n=8):
-    """Return a rotated square with rounded points. The bottom has the parts a and b."""
+    """Return a rotated square with rounded coordinates. The bottom has the parts a and b."""
     square = vx.meshes.squares(n)
     bottom = np.asarray(square.boundaries["bottom"])
     left = square.points[bottom].mean(axis=1)[:, 0] < 0.5
@@ -21,7 +21,7 @@ def block(rounded=lambda x: x, n=8):
 
 @pytest.mark.parametrize("digits", [4, 9])
 def test_rounding_of_points_changes_displacements_in_proportion_to_the_rounding(digits):
-    """Rounding errors e of points rotate sides by up to 2 e / h = 16 e."""
+    """Rounding errors e of coordinates rotate sides by up to 2 e / h = 16 e."""
 
     def displacement(mesh):
         load = vx.Traction(lambda x, t: np.tile(TURN @ [0.8 * t, -2 * t], (len(x), 1)), on="top")

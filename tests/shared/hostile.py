@@ -1,4 +1,4 @@
-"""Damaged files, and readers in separate processes with limited time and memory."""
+"""Damaged files, and functions that read files in separate processes with limited time and memory."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ REGULARISATION = "static_regularization_constant"
 
 @pytest.mark.parametrize("seed", range(4))
 def test_polishing_corrects_degenerate_terms_to_rounding(seed):
-    """The load is computed from chosen d and lam. Interior-point methods leave errors of 1e-6 in degenerate terms."""
+    """Degenerate terms have d = 0 and |lam| = w. Interior-point methods leave errors of 1e-6 in these terms."""
     rng = np.random.default_rng(seed)
     n, kind = 12, np.arange(12) % 3
     A = rng.normal(size=(n, n))

@@ -30,7 +30,7 @@ class ErrorBound(Outlined):
 
     v has the nodal values of the history, and is linear on the edges of cells (:mod:`vemcvx.bound.displacement`). For a
     step, u is the exact solution of the step, given the computed displacement before the step. For a history, u is the
-    exact history. The exact history begins at v(0), or with initial="equilibrium" or "settled" in exact equilibrium.
+    exact history. With initial="equilibrium" or "settled" it begins in exact equilibrium, else at v(0).
 
     Attributes
     ----------

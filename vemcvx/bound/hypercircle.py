@@ -13,14 +13,14 @@ of v, and y the outline of v - v_1. With the forms G of stresses (:mod:`.stress`
 
 *Proof* for sigma_0 = 0. Let tau_x be the stress due to x, and tau_0 = tau - tau_x the stress due to L v and f. Let
 r_0 = tau_0 - C eps(v), so that r = tau_x + r_0. The tractions of tau_x do the work (tau_x, eps(v)) on v, and the same
-work on L v. The work on L v is (tau_x, C^-1 tau_0), because tau_0 is a maximiser (:mod:`.stress`). Therefore
-(tau_x, C^-1 r_0) = 0. The stress r_0 is the same for v and v - v_1. Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) +
-|v|^2, where (tau_0, eps(v)) is the work of f and of the tractions of tau_0 on v.
+work on L v. Of all stresses in balance with f, tau_0 maximises the work on L v minus the energy (:mod:`.stress`). So
+tau_x does the work (tau_x, C^-1 tau_0) on L v, and (tau_x, C^-1 r_0) = 0. The stress r_0 is the same for v and v - v_1.
+Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2. Here (tau_0, eps(v)) is the work of f and of the tractions of
+tau_0 on v.
 
-**The lower bound** is R(w) / |w| with the residual R of Theorem 2. Let W be the space of displacements that are
-quadratic on edges, have least energy inside cells, and vanish on the supports and on edges with friction, obstacles or
-bonded bodies. We compute w in W with a(w, z) = R(z) for all z in W. So the lower bound is |w|. The displacement v + w
-is called *richer*.
+**The lower bound.** Let W be the space of displacements that are quadratic on edges, have least energy inside cells,
+and vanish on the supports and on edges with friction, obstacles or bonded bodies. We compute w in W with a(w, z) = R(z)
+for all z in W. Theorem 2, with the residual R, gives the lower bound R(w) / |w| = |w|. We call v + w *richer*.
 """
 
 from __future__ import annotations

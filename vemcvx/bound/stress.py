@@ -1,10 +1,10 @@
 """Stresses in equilibrium in a polygon, from tractions on the edges (Johnson and Mercier).
 
-A polygon is divided into triangles, and each triangle into three parts (:mod:`.fan`). Stresses are symmetric and linear
-on each part, with continuous tractions between parts. Linear tractions on the edges of a triangle (12 numbers) and
-divergences on the parts (6 numbers) determine a stress if they are in balance (C. Johnson and B. Mercier, Numer. Math.
-30 (1978)). The matrix B of :mod:`.fan` maps a stress tau^ on the reference triangle to tau. Let n^ and n be the normals
-of an edge e^ and of the image e. Then
+A polygon is divided into a fan of triangles, and each triangle into three parts (:mod:`.fan`). Stresses are symmetric
+and linear on each part, with continuous tractions between parts. Linear tractions on the edges of a triangle (12
+numbers) and divergences on the parts (6 numbers) determine a stress if they are in balance (C. Johnson and B. Mercier,
+Numer. Math. 30 (1978)). The matrix B of :mod:`.fan` maps a stress tau^ on the reference triangle to tau. Let n^ and n
+be the normals of an edge e^ and of the image e. Then
 
     tau = B tau^ B' / det B,    |e| tau n = B |e^| tau^ n^,    div tau = B div^ tau^ / det B.
 
@@ -17,8 +17,8 @@ Let m be edge motions, linear on each edge, and C the elastic tensor. The stress
 
     sum over edges  int tau n . m  -  (tau, C^-1 tau) / 2
 
-among the stresses in balance with f. The maximum is half a quadratic form of m and F_k. On an edge at the centre of the
-fan, the tractions of both triangles must cancel. This condition eliminates the motions of the edge.
+among the stresses in balance with f. The maximum is half a quadratic form of m and F_k. On an edge between two
+triangles, the tractions of both triangles must cancel. This condition eliminates the motions of the edge.
 """
 
 from __future__ import annotations

@@ -220,7 +220,7 @@ class Elasticity(_Elastic):
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]].
 #
 # The elastic matrix C_0 in these axes has the blocks S^{-1} and diag(G). Let Q map strains in x, y, z to strains in
-# these axes. Then C = Q' C_0 Q. In plane bodies, axis 3 is the normal. In plane stress, nothing is coupled to axis 3.
+# these axes. Then C = Q' C_0 Q. In plane bodies, axis 3 is the normal. In plane stress, nu13 = nu23 = 0 in S.
 SYMBOLS = {"young": ("E1", "E2", "E3"), "poisson": ("nu12", "nu13", "nu23"), "shear": ("G12", "G13", "G23")}
 
 

@@ -47,7 +47,7 @@ def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity over a whole run with its estimated error.
+    """A quantity of a whole run, and its estimated error.
 
     Attributes
     ----------

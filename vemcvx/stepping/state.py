@@ -177,7 +177,7 @@ class State:
     unbalanced: Floats  # load - K y
     data: StepData
     weights: Floats  # (terms,) weights of the last step
-    bound: Floats  # (terms,) weights under all slips up to t
+    bound: Floats  # (terms,) weights after all slips up to t
     lam: Floats  # (terms, block) multipliers of the terms
     p: Floats  # (r,) forces of the limits
     slip: Floats  # (terms, block) slips of the last step
@@ -285,14 +285,14 @@ def advance(condensation: Condensation, before: State, after: State, d: Floats, 
     work += force.work_inside(change) + float(force.retained @ d)
     loss, between = losses(before, after)
     if condensation.system.reads_rates:
-        between = loss  # Weights at the mean rate are accurate to second order.
+        between = loss  # Weights use the mean slip rate, so `loss` is accurate to second order.
     return Ledger(
         energy=energy(condensation, after.y, now, after.p),
         dissipated=past.dissipated + float(loss.sum()) + lost,
         work=past.work + work,
         worn=past.worn + loss,
         slipped=past.slipped + lengths(after.slip),
-        # The loss of dashpots at the mean rate is accurate to second order.
+        # `lost` follows from mean velocities, and is accurate to second order.
         dissipated_second_order=past.dissipated_second_order + float(between.sum()) + lost,
         worn_second_order=past.worn_second_order + between,
     )

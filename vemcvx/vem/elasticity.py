@@ -29,7 +29,7 @@ from vemcvx.vem.tensors import elastic_matrix, moduli_of_revolution, stresses
 
 
 def add_weights(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
-    """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi) to local matrices (c, n, n, dim, dim)."""
+    """Add the stabilisation with moduli tau (c,) to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
     stable = (tau * cells.stabilised_size)[:, None, None] * products_of_remainder(cells.vertex_values())

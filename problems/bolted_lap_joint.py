@@ -2,7 +2,8 @@ r"""Two lapped plates clamped by two bolts, in space: friction transmits the pul
 
 Each bolt goes through a hole in each plate. The bolt fits the hole of the lower plate and has the clearance c in the
 upper hole. Half of the joint, y > 0, is computed. Up to t = 1 the bolts are tightened: the shank between head and nut
-shortens by delta t. In the model, the gap under the head is -delta t. Then the end of the upper plate is moved along x.
+shortens by t times TIGHTENING. In the model, the gap under the head is minus this length. Then the end of the upper
+plate is moved along x.
 Heads, nuts and walls of the holes are smooth, so that the bolts transmit no shear before they touch the walls of the
 upper holes. Let N be the force that presses the plates together. At each instant, up to rounding,
 

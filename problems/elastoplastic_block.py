@@ -8,9 +8,9 @@ N_1 = \operatorname{diag}(1, -1, 0) / \sqrt{2}, \qquad N_2 = \operatorname{diag}
 \qquad N_3 = (e_x e_y' + e_y e_x') / \sqrt{2},
 $$
 
-where only N_2 has a component zz; the strain eps has none. Let s = 2 mu (dev eps - P) be the deviator of the stress, C
-the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Let P' be the rate of P. The stored energy
-and the loss per volume, and the yield criterion, are
+where only N_2 has a component zz; the strain eps has none. Let mu be the shear modulus, s = 2 mu (dev eps - P) the
+deviator of the stress, C the elasticity tensor, H the hardening modulus and sigma_y the yield stress. Let P' be the
+rate of P. The stored energy and the loss per volume, and the yield criterion, are
 
 $$
 \text{stored} \qquad 1 / 2 (\varepsilon - P):C (\varepsilon - P) + H / 2 |P|^2,
@@ -35,8 +35,8 @@ in the basis. Each step is the *return mapping*
 
 $$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
 
-Let the play play_R(x) stay within R of x, and change only if it must. Under shear alone, S_xy = tau, the return mapping
-is p_3 = play_R(sqrt 2 tau) / H. The shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone
+Let play_R(x) stay within R of x, and change only if it must. Under shear alone, S_xy = tau, the return mapping is
+p_3 = play_R(sqrt 2 tau) / H. The shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone
 between instants. If the direction of s changes, backward Euler makes an error.
 
     python problems/elastoplastic_block.py --picture elastoplastic_block.png

@@ -16,15 +16,15 @@ $$
 
 The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite.
 
-**One bar.** The play play_r(e) stays within r of e, and changes only if it must. With r = sigma_y / E the plastic
-strain is p = E/(E+H) play_r(e). With stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is
+**One bar.** Let play_r(e) stay within r of e, and change only if it must. With r = sigma_y / E the plastic strain is
+p = E/(E+H) play_r(e). With stop_r(e) = e - play_r(e) and the tangent E_t = E H/(E+H), the stress is
 sigma = E_t e + (E - E_t) stop_r(e). After loading to sigma_1 > sigma_y the bar yields backwards at sigma_1 - 2 sigma_y.
 This stress is above -sigma_y: the Bauschinger effect.
 
 **Three bars** hold one node, pulled by F(t): one bar of length L along the force, two of length L / c at the angle
 theta to the force, c = cos theta. If the node moves by v, the strains are v / L and c^2 v / L. So F(v) is a sum of two
 functions of the kind sigma(e). The slope of F(v) is k_0 up to F_1, where the middle bar yields, then k_1 up to F_2,
-where all bars yield, then k_2. The inverse v(F) is a sum of plays (L = A = 1):
+where all bars yield, then k_2. For L = A = 1 the inverse v(F) is
 
 $$
 k_0 = E (1 + 2 c^3), \qquad k_1 = E_t + 2 c^3 E, \qquad k_2 = E_t (1 + 2 c^3), \\

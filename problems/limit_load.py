@@ -1,7 +1,8 @@
 r"""Limit loads: the largest force that friction can bear before a body slides, tips or turns.
 
 A body has a limit load if only friction and one-sided contact hold it. `vx.limit_load` computes this load without
-steps, as a cone program, and gives a lower and an upper bound. Three bodies have closed forms.
+steps, as a cone program, and gives a lower and an upper bound. Three bodies have closed forms. The coefficient of
+friction is mu.
 
 *A footing* of the width W bears the weight N and a horizontal force F at the height h. The footing slides or tips at
 

@@ -1,4 +1,4 @@
-"""The public names that the pages of `docs/reference` list."""
+"""The public names on the pages of `docs/reference`."""
 
 from __future__ import annotations
 

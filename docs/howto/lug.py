@@ -15,7 +15,7 @@ initial = "settled"  # the bush is in the lug before the pin pulls
 
 
 def scene(interference=0.01, friction=0.15, pull=8000.0):
-    def pin(x, t):  # pressure on the right half of the bore: the cosine of the angle, scaled to the resultant pull * t
+    def pin(x, t):  # pressure on the right half of the bore: a cosine of the angle, with the resultant `pull * t`
         largest = pull * t / (THICKNESS * BORE * np.pi / 2)
         return largest * np.maximum(x[:, 0], 0.0) / np.hypot(*x.T)
 

@@ -13,7 +13,7 @@ import vemcvx as vx
 STEEL = vx.Elasticity(2e4, 0.3)
 FLOATS = pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 GAP = 2e-9
-"""Bound on (upper - factor) / factor."""
+"""Largest (found.upper - found.factor) / found.factor."""
 
 
 def wrench(points, forces):

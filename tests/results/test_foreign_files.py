@@ -1,4 +1,4 @@
-"""A run locks the folder of output, and keeps foreign files."""
+"""A run locks its output folder, and keeps foreign files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""User-defined stabilisations: patch test, and one form in the stiffness, the error budget and the nodal distance."""
+"""User-defined stabilisations: stiffness, error budget and nodal distance use the same form."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_d_recipe_locks_unless_it_is_deviatoric():
 
 
 def test_energies_of_the_hourglass_of_a_square():
-    """Vertex values 1, -1, 1, -1 have the energies 8 mu for `Boundary`, and lam + 3 mu or 4 mu for `DRecipe`."""
+    """The energy is 8 mu for `Boundary`, lam + 3 mu for `DRecipe()`, and 4 mu for `DRecipe(deviatoric=True)`."""
     mesh = vx.PolygonMesh([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]], [[0, 1, 2, 3]])
     u = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
     for stabilisation, energy in ((OWN[0], 8 * MU), (OWN[1], LAM + 3 * MU), (OWN[2], 4 * MU), ("shear", 8 * MU)):
@@ -113,9 +113,9 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Return squared parts of the budget, and the number of cells with more stabilisation energy than edge energy.
+    """Return squared parts of the budget, and the number of cells where `along` is below the stabilisation energy.
 
-    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" takes the larger energy in each cell.
+    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" takes the larger of both energies in each cell.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

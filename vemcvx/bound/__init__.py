@@ -11,7 +11,7 @@ if v moves the body into a rigid obstacle. Since u is the minimiser, the stress 
 
     (sigma, eps(v - u)) - l(v - u) + j(v) - j(u)  >=  0      for all v that the supports admit.                     (1)
 
-**The pair.** Let v be a displacement that the supports admit, with finite j(v). Let q be a friction stress and p a
+**The fields.** Let v be a displacement that the supports admit, with finite j(v). Let q be a friction stress and p a
 pressure on the contact boundary. Let the stress tau balance the loads, q and p. For all w that vanish on the supports
 
     (tau, eps(w))  =  l(w) - int (q w_t + p w_n),                                                                 (2)

@@ -102,7 +102,7 @@ class Skeleton:
         return self.units[:, ::-1] * [-1.0, 1.0]
 
     def jumps(self, u: Floats) -> Floats:
-        """Return u at the ends of boundary edges, minus the opposite u at interfaces."""
+        """Return u at the ends of boundary edges, minus u on the opposite edge at interfaces."""
         across = self.joints.across
         return np.asarray(u[self.outer_edges] - np.where(across[:, :, None] >= 0, u[across], 0.0))
 
@@ -110,7 +110,7 @@ class Skeleton:
 def extents(owner: Ints, arms: Floats) -> Floats:
     """Return the sizes h_K (n_cells,) of cells.
 
-    The size of a box is the longest side. In general, h_K^2 is the largest eigenvalue of 12 / |K| int_K (x - c)(x - c)'
+    The size of a box is its longest side. In general, h_K^2 is the largest eigenvalue of 12 / |K| int_K (x - c)(x - c)'
     dx, with the centroid c of the cell K. The cell `owner[j]` contains a simplex with the corners c and c + arms[j, i].
     """
     dim, count = arms.shape[2], int(owner.max()) + 1

@@ -58,7 +58,7 @@ def contact_faces(history: Results, on: str | None = None) -> dict[str, ContactF
     rows["obstacles"] = contact.partners < 0
     known = [name for name, some in rows.items() if some.any()]
     if on is not None and on not in known:
-        raise HistoryError(f"contact_face: there is no contact on {on!r}; there is {', '.join(map(repr, known))}.")
+        raise HistoryError(f"contact_face: there is no contact on {on!r}; give on={' or '.join(map(repr, known))}.")
     known = known if on is None else [on]
     # If the mean normal is nearly zero, no view shows the whole face.
     means = {name: contact.normals[rows[name]].mean(axis=0) for name in known}

@@ -25,7 +25,7 @@ FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Properties of `Trajectory` with a value for every step."""
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
-"""Size in the annotation of an array -> dimension in datasets."""
+"""Name of a size in `list_arrays` -> dimension in datasets."""
 
 
 def table(history: Results, name: object) -> Columns:

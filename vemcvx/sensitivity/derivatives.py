@@ -20,7 +20,7 @@ equations, with P and Q exchanged, backwards in time. One adjoint sweep differen
 all parameters (Giles and Pierce, Flow, Turbulence and Combustion 65 (2000)).
 
 Without dashpots, a step needs only the m unknowns of contact (:mod:`vemcvx.program.condensation`). Column j of the
-matrix E is the state in which unknown j is 1 and all others are 0. Loads f are condensed to E'f.
+matrix E is the state in which contact unknown j is 1 and the others are 0. Loads f are condensed to E'f.
 """
 
 from __future__ import annotations
@@ -354,7 +354,7 @@ def _linearise(run: PreparedRun, history: History, at: Observed) -> tuple[dict[i
         delassus = frame.prepared.newton.delassus
         if not isinstance(W := delassus.W, np.ndarray):
             raise SceneError("sensitivities: the contact has too many nodes for a dense matrix; take a coarser mesh.")
-        # An error a in the energy norm changes force j by at most a (W^{-1})_jj^{1/2}.
+        # An error r in the energy norm changes force j by at most r (W^{-1})_jj^{1/2}.
         return delassus, np.sqrt(np.abs(np.diag(np.linalg.inv(W + REGULARISATION * np.eye(len(W))))))
 
     steps, one_sided = dict[int, LinearStep](), np.zeros(len(found.times), dtype=bool)

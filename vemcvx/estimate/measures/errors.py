@@ -90,7 +90,7 @@ def check_runs(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = Fa
 #     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
 #     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
 #
-# Quadrature has degree 5, in space 2. Degree 1 would miss errors, because strains superconverge at centroids.
+# Quadrature has degree 5 in the plane, 2 in space. Degree 1 would miss errors: strains superconverge at centroids.
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:

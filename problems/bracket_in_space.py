@@ -9,15 +9,16 @@ $$
 C = -\cos((a + 1) b) / \cos((a - 1) b),
 $$
 
-with b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. This displacement is prescribed on the
-sides far from the edge. The ends z = const slide in their planes. The exact strains give the true error.
+with the shear modulus mu, b = 3 pi / 4, kappa = 3 - 4 nu and the root a = 0.5445 of sin(2 a b) = a. This displacement
+is prescribed on the sides far from the edge. The ends z = const slide in their planes. The exact strains give the true
+error.
 
 Cells at the distance r from the edge have the size h(r). Up to constants, the squared error is int r^(2a - 3) h^2 dr,
 and the number N of cells is int r / h^3 dr. N equal cubes have h = N^(-1/3). Integrated from r = h, the first integral
-gives the error h^a = N^(-a/3). The error is least for h = c r^((4 - 2a) / 5). Then both integrals converge, because
-a > 1/3, and the error is N^(-1/3), as for smooth fields. At the relative error d < 1, adaptive meshes have
-d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. Measured ratios of nodes (adaptive tetrahedra
-to equal cubes) are .20 at d = 19 % and .16 at d = 17 %.
+gives the error h^a = N^(-a/3). The error is least if h is proportional to r^((4 - 2a) / 5). Then both integrals
+converge, because a > 1/3, and the error is N^(-1/3), as for smooth fields. At the relative error d < 1, adaptive meshes
+have d^(3/a - 3) = d^2.5 times as many cells as equal cubes, up to a constant. Measured ratios of nodes (adaptive
+tetrahedra to equal cubes) are .20 at d = 19 % and .16 at d = 17 %.
 
     vemcvx run problems/bracket_in_space.py --n 16 --steps 1 --plot
 """

@@ -98,7 +98,7 @@ def forces(history):
 
 
 def radius(places, weights):
-    """Return the radius a of the density sqrt(1 - r^2 / a^2): the mean of r^2 is 2/5 a^2."""
+    """Return the radius a. For the density sqrt(1 - r^2 / a^2), the mean of r^2 is 2/5 a^2."""
     share = weights / weights.sum()
     centre = [share @ places[:, 0], 0.0]
     return np.sqrt(2.5 * share @ ((places - centre) ** 2).sum(axis=1))

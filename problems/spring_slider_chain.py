@@ -7,7 +7,7 @@ p_n = \operatorname{clip}(p_{n-1}, x_n - r, x_n + r),
 \qquad \operatorname{stop}_r = x - \operatorname{play}_r \qquad (x \text{ monotone between two instants}).
 $$
 
-Plays compose, play_r o play_s = play_{r+s}; sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
+Plays compose: play_r o play_s = play_{r+s}. Sums of weighted plays are Prandtl-Ishlinskii operators (Krasnoselskii and
 Pokrovskii, Systems with Hysteresis, 1989; Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2).
 Three systems follow. Each is Problem 2.1 of Feng, Han and Huang with a(u, v) = v'Ku and j(v) = sum_i w_i |v_i|. The
 solution of each system is a sum of weighted plays.
@@ -37,7 +37,7 @@ the inverse curve of first loading. So there are elements whose stress is F if t
 the chain (:func:`inverse`). Backward Euler makes no error here as long as the input is monotone between instants.
 
 Sums of plays have three properties. *Return-point memory*: when the input returns to an earlier turning point without a
-larger excursion, the state returns, too. The loop in between has no later effect. *Congruency*: closed loops between
+larger excursion, the state returns, too. The closed loop has no later effect. *Congruency*: closed loops between
 the same two inputs have the same shape, for any past. *Loss*: a closed loop dissipates its area. For the loop of force
 and displacement of the chain, between forces that differ by dF, the loss is
 

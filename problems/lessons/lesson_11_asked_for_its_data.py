@@ -182,7 +182,7 @@ assert np.abs(np.transpose(differences) - forward).max() <= 1e-8 * np.abs(forwar
 
 # %% [markdown]
 # **Many steps.** A node that sticks in step $n$ stays at its old place, $u_n = u_{n-1}$. So $dy_n$ depends on
-# $dy_{n-1}$, and the adjoint runs backwards in time:
+# $dy_{n-1}$. The forward sweep runs through the steps forwards in time, the adjoint sweep backwards:
 #
 # $$M_n\, dy_n = R_n\, d\theta + T_n\, dy_{n-1}, \qquad M_n^T z_n = b_n + T_{n+1}^T z_{n+1}, \qquad
 #   \frac{dQ}{d\theta} = \sum_n R_n^T z_n ,$$

@@ -1,4 +1,4 @@
-"""The problems of single effects against their closed forms, in displacements and in forces."""
+"""Displacements and forces of problems are compared with closed forms."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def test_a_beam_meets_its_stop():
 
 @mostly_long("poisson", [0.49, 0.4999], 1)
 def test_a_bonded_pad_has_the_pressure_of_a_thin_layer(poisson):
-    """Pressures exceed thin-layer theory by less than 4.5 mu d / h, with the compression d and the thickness h."""
+    """Pressures exceed thin-layer theory by at most 4.5 mu d / h: shear modulus mu, compression d, thickness h."""
     history = simulate(pad, 8, poisson=poisson)
     x, sigma = history.mesh.centroids, history.stress(-1)
     under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)

@@ -33,7 +33,7 @@ def test_pyvista_reads_the_series_and_the_package_reads_the_mesh(tmp_path):
     assert np.isnan(grid.point_data["sticking"][elsewhere]).all()
     assert np.array_equal(grid.cell_data["stress"], history.stress(-1))
     assert np.array_equal(grid.cell_data["von_mises"], equivalent(history.stress(-1)))
-    # Cells have the energy of Pi u only, without the energy of the stabilisation.
+    # The energies of cells exclude the energy of the stabilisation.
     energy = grid.cell_data["strain_energy"] @ history.mesh.volumes
     assert 0.5 * history.energy[-1] < energy < history.energy[-1]
     assert set(grid.celltypes) == {TYPES["polyhedron"]}

@@ -42,7 +42,7 @@ def test_a_fit_finds_young_poisson_and_friction_from_a_noisy_loop():
 
 @pytest.mark.slow
 def test_standard_errors_cover_the_truth_in_nineteen_of_twenty_draws():
-    """With a probability of 99 %, at least 53 of 60 normal errors are within two standard errors."""
+    """With a probability of 99 %, at least 53 of 60 Gaussian errors are within two standard errors."""
     assert (np.abs(fit_draws(20)) <= 2.0).sum() >= 53
 
 

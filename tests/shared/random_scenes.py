@@ -44,7 +44,7 @@ KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
 
 
 def feature_scene(seed):
-    """Return a scene with a feature that a coarse run may miss, and the initial state."""
+    """Return a scene and the initial state. A coarse run may miss a feature of the scene."""
     rng = np.random.default_rng(1000 + seed)
     young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
     steel, clamp = vx.Elasticity(young, poisson), vx.Clamp(on="right")

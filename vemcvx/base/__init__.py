@@ -1,1 +1,1 @@
-"""Code that every part of the package may use: errors, checks of arrays, records, owned files, drawing."""
+"""Code that every part of the package may use: errors, checks of arrays, records, output files, drawing."""

@@ -1,8 +1,8 @@
 """Programs in the text formats CBF (conic programs) and MPS (quadratic programs).
 
-A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. If c_j > 0,
-(D_j d - e_j)_+^2 / (2 c_j) replaces limit j, which is called soft. CBF, the Conic Benchmark Format (version 1), has one
-cone per norm term, and one cone for the energy::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A soft limit j has
+a compliance c_j > 0, and (D_j d - e_j)_+^2 / (2 c_j) replaces the limit. CBF, the Conic Benchmark Format (version 1),
+has one cone Q per norm term, and one cone QR for the energy::
 
     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
@@ -18,7 +18,7 @@ MPS (free format, quadratic objective; also called QPS) holds programs whose nor
     rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
 
 QUADOBJ is the upper triangle of the Hessian. With duals >= 0, lam = (dual of U) - (dual of L), and p is
-the dual of Z. HiGHS returns duals <= 0. Reverse the signs first. The columns p_j are the forces of soft limits. The
+the dual of Z. HiGHS returns duals <= 0; reverse their signs. The columns p_j are the forces of soft limits. The
 bound t >= 0 is redundant, but without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 
 In both formats, the first n variables are d. The first line is a comment with the sizes of the program.

@@ -1,1 +1,1 @@
-"""Limit loads and shakedown: cone programs for a whole load or a whole cycle, without steps."""
+"""Limit loads and shakedown factors from cone programs, without time steps."""

@@ -92,10 +92,10 @@ class PardisoFactor(Factor):
         if info > 0:
             raise singular_matrix_error()
         self.schur: Floats = self.unit * S
-        # K is singular if EPS K_ii (K^{-1})_ii is large. Squares of samples x_i have the mean `self.unit` (K^{-1})_ii.
+        # K is singular if EPS K_ii (K^{-1})_ii is large.
         z = np.random.default_rng(0).standard_normal((SAMPLES, n)).T
         z[last] = solve_triangular(upper, z[last], check_finite=False) if m else z[last]
-        x = self._run(333, z)
+        x = self._run(333, z)  # The mean of x_i^2 is `self.unit` times (K^{-1})_ii.
         if (EPS * diagonal * np.einsum("ij,ij->i", x, x) >= 0.1 * SAMPLES * self.unit).any():
             raise singular_matrix_error()
 
@@ -120,8 +120,8 @@ def _create_solver(K: sp.csr_matrix, last: Ints, unit: float) -> Any:
     """Return a solver of py-mkl-pardiso that holds the upper triangle of K / unit."""
     if (kind := _find_solver_class()) is None:
         raise NotAccepted(
-            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
-            "(x86-64 on Linux and Windows), or use SuperLU()."
+            "Pardiso: the package py-mkl-pardiso (0.0.6 or later, below 0.1) is not installed; pip install "
+            "'vemcvx[mkl]' (x86-64 on Linux and Windows), or use SuperLU()."
         )
     n = K.shape[0]
     if n == 0:

@@ -28,7 +28,7 @@ from vemcvx.stepping import Trajectory
 class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
-    Contact nodes lie on boundaries with contact or friction, unless a support fixes their normal displacement. The
+    Contact nodes lie on boundaries with contact or friction, if no support fixes their normal displacement. The
     friction is 0 at nodes that a support at rest holds along the boundary. In space, lengths are areas.
 
     Attributes

@@ -15,12 +15,12 @@ from vemcvx.results.results import Results
 
 @dataclass(frozen=True)
 class Loop:
-    """The mean displacement (S,) and the force (S,) of a boundary, body or load along an axis."""
+    """The mean displacement and force of a boundary, body or load along an axis, at S stored instants."""
 
     on: str
     axis: int
-    motion: Floats
-    force: Floats
+    motion: Floats  # mean displacement (S,)
+    force: Floats  # (S,)
     kind: str  # "reaction" of a support, "force" of contact, or "load"
 
 

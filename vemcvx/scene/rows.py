@@ -2,7 +2,7 @@
 
 A node i touches an obstacle, or a *partner* node j on another body. The *jump* is u(i) at an obstacle, and
 u(i) - u(j) at a partner. The row is n . jump, where n is the outward normal or a tangent at i. The *ends* of a row are
-the contact edges or faces at i. The length of an end is the integral of the basis function of node i.
+the contact edges or faces at i. The length of an end is the integral of node i's basis function over the end.
 """
 
 from __future__ import annotations

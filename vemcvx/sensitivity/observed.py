@@ -48,7 +48,7 @@ Gradients = tuple[Floats, Floats, Floats]
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """Q quantities a'u + h'R + `energy` times the energy + `losses` times the losses so far."""
+    """Q sums of a'u, h'R, `energy` times the energy, and `losses` times the losses so far."""
 
     a: Floats  # (Q, n_u)
     h: Floats  # (Q, n_u)
@@ -118,7 +118,7 @@ class Quantities:
 
 
 def condense(run: PreparedRun, P: sp.csr_matrix, forces: Floats) -> tuple[Floats, Floats]:
-    """Return nodal forces (n_u, k), condensed to contact unknowns (k, m), and the motions (n_u, k) of the interior."""
+    """Return forces (k, m) condensed to contact unknowns, and motions (n_u, k) of the interior."""
     f, c = P.T @ forces, run.condensation.retained
     xi = run.condensation.solve_interior(f)
     return (f[c] - run.system.K[c] @ xi).T, P @ xi

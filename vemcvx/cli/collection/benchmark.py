@@ -387,8 +387,8 @@ def in_words(entries: Entries, instances: Sequence[Row], limit: float) -> str:
             count = sum(kind_of(one) == kind for one in instances)
             text += f"{title}: {count} instances\n{score_table(entries, instances, kind, limit).text()}\n\n"
     return text + (
-        'Columns "to" count the instances solved to this error. The number after the slash counts accepted instances '
-        'with an optimum certified to a tenth of this error. Columns "s to" have the shifted geometric mean of '
+        'A column "to E" counts the instances solved to the error E. The number after the slash counts accepted '
+        'instances with an optimum certified to E / 10. A column "s to E" has the shifted geometric mean of '
         "processor times with the cheapest tolerance, over the instances that all solvers accept; an unsolved instance "
         f'counts as {limit:g} s. Column "sure" counts instances with a certified error of at most {ERRORS[1]:g}. '
         f'Columns "miss", "fail" and "late" count instances not solved to {ERRORS[1]:g}: larger error, no answer, late.'

@@ -10,7 +10,7 @@
               + d_e / (2 mu) |t - t_e|^2_e + h_K^2 / (9 mu) |f - f_K|^2_K                  errors of assembled data
               + int_K s_0 : C^{-1} s_0,  s_0 = (C - C_K) eps(Pi u) + sigma_0 - sigma_0K
 
-- Pi u is the projection of u to linear displacements in each cell, and S_K the stabilisation.
+- u is the computed displacement, Pi u its linear projection in each cell, and S_K the stabilisation.
 - sigma = C eps(Pi u) + sigma_0 is the stress, with the elastic tensor C and the prestress sigma_0. mu is the shear
   modulus, E Young's modulus along an edge, and eps_ss the strain along an edge.
 - f is the body force, and t the traction of loads, contact and springs.

@@ -1,8 +1,8 @@
 """Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
 
-A multigrid cycle multiplies by a symmetric positive definite matrix M, which is close to K^{-1}. No eigenvalue of MK
-exceeds 1. Let x approximate K^{-1}b, let rho = b - K x be the residual, and let l > 0 be at most the lowest eigenvalue
-of MK. Then K^{-1}b = x + K^{-1}rho and K^{-1} <= M / l, so that certificates can use the bound
+Let K be the stiffness matrix. A multigrid cycle multiplies by a symmetric positive definite matrix M near K^{-1}. No
+eigenvalue of MK exceeds 1. Let x approximate K^{-1}b, let rho = b - K x be the residual, and let l > 0 be at most the
+lowest eigenvalue of MK. Then K^{-1}b = x + K^{-1}rho and K^{-1} <= M / l, so that certificates can use the bound
 
     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l.
 """

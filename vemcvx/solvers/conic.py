@@ -68,7 +68,7 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
 """The settings by solver, under the names of cvxpy."""
 
 SEMIDEFINITE = {"CLARABEL": {"static_regularization_constant": 1e-13}}  # for problems/hard_cases.py
-"""Settings that replace settings in `TUNED` if K is semidefinite."""
+"""Settings that replace settings in `TUNED` if the stiffness matrix K is semidefinite."""
 
 RETRY = {
     "CLARABEL": {

@@ -6,9 +6,9 @@ depends on the speed v of slip,
 $$ g(v) = \max(\mu_0 P + c v, \mu_1 P), \qquad \mu_1 < \mu_0 . $$
 
 The top of the pad is held along x, and the sides move along y as in uniform compression. Therefore the pad is sheared
-uniformly, like a spring of the stiffness G / H per length. The pad sticks until its friction q = G V t / H is mu_0 P,
-at the instant t_0. Then the speed of slip is V - q' H / G. If friction grows (c > 0), q = g(V - q' H / G) has the
-solution
+uniformly. With the shear modulus G, it acts like a spring of the stiffness G / H per length. The pad sticks until its
+friction q = G V t / H is mu_0 P, at the instant t_0. Then the speed of slip is V - q' H / G. If friction grows (c > 0),
+q = g(V - q' H / G) has the solution
 
 $$ q(t) = g(V) - c V e^{-(t - t_0) / \tau}, \qquad \tau = c H / G . $$
 

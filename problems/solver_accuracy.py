@@ -234,7 +234,7 @@ def write_table(rows, path):
 
 
 def run_loops(asked=(1e-6, 1e-8)):
-    """Return the table for the chain of sliders, whose nested loops have degenerate steps."""
+    """Return the table for the chain of sliders."""
     force = spring_slider_chain.course(spring_slider_chain.TURNS, first=1.0)
     system, (exact, _) = spring_slider_chain.chain(force), spring_slider_chain.chain_exactly(force)
     lines = ["chain of sliders      asked  certified  all steps  true     missed  most iterations"]

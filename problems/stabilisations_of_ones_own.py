@@ -9,15 +9,15 @@ boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e fro
             mu m / 2 times the integral over dK of d_s v . d_s w, with the slopes d_s along edges. S. Brenner and Sung,
             Virtual element methods on meshes with small edges or faces (2018); P. Wriggers and others, A virtual
             element method for contact (2016)
-D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the shape functions phi_i. L. Beirao da Veiga,
-            F. Dassi and A. Russo, High-order virtual element method on polyhedral meshes (2017); L. Mascotto (2018)
+D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the elastic form a_K of the cell, and the shape
+            functions phi_i. L. Beirao da Veiga, F. Dassi and A. Russo, High-order virtual element method on polyhedral
+            meshes (2017); L. Mascotto (2018)
 
 On a square the hourglass v = (1, -1, 1, -1) changes by 2 along each of four edges. So the boundary form of v is
-mu / 2 * 16 = 8 mu, which equals our default 2 mu sum_i v_i^2. Let a_K be the elastic form of the cell K. On a square of
-side h the diagonal a_K(Pi phi_i, Pi phi_i) is (lam + 3 mu) / 4, because the mean gradient of phi_i is
-(+-1, +-1) / (2 h). The diagonal is at most mu if lam <= mu, that is up to Poisson's ratio 1/4. Up to this ratio the
-D-recipe is therefore half of our default. For larger ratios the D-recipe grows with lam, and locks; deviatoric=True
-uses a_K with lam = 0.
+mu / 2 * 16 = 8 mu, which equals our default 2 mu sum_i v_i^2. On a square of side h
+the diagonal a_K(Pi phi_i, Pi phi_i) is (lam + 3 mu) / 4, because the mean gradient of phi_i is (+-1, +-1) / (2 h). The
+diagonal is at most mu if lam <= mu, that is up to Poisson's ratio 1/4. Up to this ratio the D-recipe is therefore half
+of our default. For larger ratios the D-recipe grows with lam, and locks; deviatoric=True uses a_K with lam = 0.
 
     python problems/stabilisations_of_ones_own.py [--picture FILE]
 """

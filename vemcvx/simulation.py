@@ -74,7 +74,7 @@ def simulate(
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs with neither friction nor one-sided contact, else Newton.
     initial : None, (n_nodes, dim) array, "equilibrium", "settled", vx.projected(u_0) or History
-        The displacement at times[0]. None is zero. "equilibrium" solves a(u_0, .) = l(times[0]), without friction.
+        The displacement at times[0]; None for zero. "equilibrium" solves a(u_0, .) = l(times[0]), without friction.
         "settled" is the result of one step from zero. :func:`vemcvx.projected` gives the projection P^h u_0. A history
         is continued on the same mesh. Slip, wear, work and dissipation add up.
     store : "all", "last", int n or sequence of int

@@ -82,8 +82,9 @@ assert tips[1] > 0.1
 # **3.** The constant forces of the exercise can have any values, because $K$ is invertible. So the conditions on the
 # two sliders are separate. Let $\bar\lambda_i$ be the constant forces, and $\lambda^e_i(t)$ the friction forces of a
 # cycle without slip. Slider $i$ needs a point $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at
-# most $w_i/\alpha$. This point is the centre of a disc that contains all points $\lambda^e_i(t)$. Such a disc exists if
-# and only if $w_i/\alpha$ is at least the radius $r_i$ of the smallest disc. Therefore
+# most $w_i/\alpha$. This point is the centre of a disc of radius $w_i/\alpha$ that contains all points
+# $\lambda^e_i(t)$. Let $r_i$ be the radius of the smallest disc that contains these points. The disc of radius
+# $w_i/\alpha$ exists if and only if $w_i/\alpha \ge r_i$. Therefore
 #
 # $$\alpha^* = \min_i\; w_i / r_i .$$
 #
@@ -113,7 +114,7 @@ springs, instants = np.kron([[3.0, -1.0], [-1.0, 2.0]], np.eye(2)), np.arange(30
 
 
 def work_by_cycles(alpha):
-    """Return the work of friction in each of 100 cycles of three steps."""
+    """Return the work of friction in each of 100 cycles. A cycle has three steps."""
     norms = vx.Norms(np.eye(4), bounds, block=2)
     system = vx.System(springs, lambda t: alpha * corners[int(t) % 3].ravel(), norms)
     slips = np.diff(vx.march(system, instants).state.reshape(-1, 2, 2), axis=0)

@@ -83,9 +83,9 @@ class Dashpots(vx.Effect):
 # <details><summary>Answer</summary>
 #
 # *Dissipation:* dashpots take the power $c\,|\dot u|^2$ per area from the body; with $c < 0$ they would supply power
-# from nothing. *Convexity:* in the program of a step the dashpots add the term $\tfrac{c}{2k} |u - u_{prev}|^2$. With
-# $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If this curvature exceeds the stiffness,
-# the program has no minimum.
+# from nothing. *Convexity:* in the program of a step of the length $k$ the dashpots add
+# $\tfrac{c}{2k} |u - u_{prev}|^2$. With $c < 0$ this term is concave, and its curvature grows as $k$ gets smaller. If
+# this curvature exceeds the stiffness, the program has no minimum.
 #
 # </details>
 #
@@ -147,7 +147,7 @@ assert (np.diff(np.abs(ratios - 2)) < 0).all()
 assert abs(ratios[-1] - 2) < 0.1
 
 # %% jupyter={"source_hidden": true}
-# Picture: displacement of the pushed end over time; dots of three time steps lie below the closed form
+# Picture: displacement of the pushed end over time; the dots, for three step sizes, lie below the closed form
 left = np.flatnonzero(mesh.points[:, 0] == 0)[0]
 _figure, _axes = plt.subplots(figsize=(5.8, 3.8), layout="constrained")
 _line = np.linspace(0, 1.5, 200)

@@ -12,7 +12,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 
 def factor_and_solve(K: sp.csc_matrix, f: np.ndarray) -> np.ndarray:
-    """Factorise K and solve once, with the fastest settings of SciPy (time T0)."""
+    """Factorise K and solve once, with the fastest settings of SciPy."""
     return splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(f)
 
 

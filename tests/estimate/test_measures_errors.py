@@ -23,7 +23,7 @@ def along(values):
 
 
 def test_polynomials_of_degree_five_are_integrated_exactly(family):
-    """The squared error of a body at rest is C / 5 for the strain x^2, and 1 / 5 for the displacement x^2."""
+    """A body at rest has the squared errors C / 5 (strain x^2, modulus C) and 1 / 5 (displacement x^2)."""
     rest = small(family)
     rest = field(rest, np.zeros_like(rest.points))
     strain = vx.measures.energy_error(rest, lambda x, t: along(x[:, 0] ** 2)(3))

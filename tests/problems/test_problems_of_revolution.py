@@ -15,7 +15,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("n", [16, pytest.param(32, marks=pytest.mark.long)])
 @pytest.mark.parametrize("family", ["squares", pytest.param("voronoi", marks=pytest.mark.long)])
 def test_a_sphere_has_the_contact_of_hertz(family, n):
-    """Radius and peak agree with Hertz within 1 %, stresses on the axis within 1 % of the peak."""
+    """Contact radius and peak pressure agree with Hertz within 1 %, and stresses on the axis within 1 % of the peak."""
     history = vx.simulate(sphere.scene(), sphere.mesh(n, family), sphere.times(1))
     P = sphere.force(history)[-1]
     (a, peak), found = sphere.hertz(P), sphere.measure_contact(history)

@@ -92,7 +92,7 @@ def make_held_block(force):
 @pytest.mark.long
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_a_start_out_of_balance_is_certified(off):
-    """In the relative energy norm, the start is 0.9 * off away from equilibrium."""
+    """The distance from the start to equilibrium is 0.9 * `off`, in the relative energy norm."""
     mesh, times = small("voronoi", 3), np.linspace(0, 1, 4)
     scene = make_held_block(lambda t: 0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14))
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")

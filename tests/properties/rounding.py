@@ -56,7 +56,7 @@ class Energy:
         return float(np.sqrt(blur @ np.abs(self.K) @ blur))
 
     def rounding_of_forces(self, f, *states):
-        """Return a bound of |e|_{K^{-1}}, with the rounding error e of f - K y and the sum y of the states."""
+        """Return a bound of |e|_{K^{-1}}. Here y is the sum of `states`, and e is the rounding error of f - K y."""
         size = np.abs(f) + majorant(self.K) @ sum(map(np.abs, states))
         return self.of_blurred_force((len(f) + 2) * EPS * size)
 

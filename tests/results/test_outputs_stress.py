@@ -1,4 +1,4 @@
-"""Principal, out-of-plane and von Mises stresses agree with closed forms and with tensors in space."""
+"""Principal, out-of-plane and von Mises stresses agree with closed forms."""
 
 from __future__ import annotations
 

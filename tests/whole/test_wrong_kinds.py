@@ -1,4 +1,6 @@
-"""An argument of a wrong kind raises an error that names the argument. Errors of damaged files are sentences.
+"""An argument of a wrong kind raises an error that names the argument.
+
+Damaged files are read, or raise errors with a sentence.
 
 Every parameter of every public callable receives the values of `WRONG`.
 """

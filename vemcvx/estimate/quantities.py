@@ -111,8 +111,8 @@ def _wear_without_limit(history: History) -> str:
 def _start(history: History) -> Floats:
     if history.begins == "continued":
         raise HistoryError(
-            "quantities: the run continues another run, and contains the friction work and work of both. Estimates "
-            "repeat only the last run. Simulate all stages as one scene."
+            "quantities: the run continues another run, and its work and friction work include both runs. "
+            "Estimates repeat only the last run. Simulate all stages as one scene."
         )
     times, initial = history.trajectory.times, history.trajectory.initial
     assert initial is not None

@@ -1,7 +1,7 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
-The columns of N are the rigid motions that no support prevents, f_0 are the loads of the scene, and f is the load to
-multiply. Friction forces lam have the bound w + J p at the pressures p. The factor is the largest alpha with
+Let N be the rigid motions that no support prevents, f_0 the loads of the scene, and f the load to multiply. Contact
+exerts the nodal forces -B'lam - D'p. Friction lam has the bound w + J p at pressures p. We find the largest alpha with
 
     N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
 """
@@ -163,7 +163,7 @@ def sum_work(posed: PosedScene, N: Floats, force: Floats) -> Floats:
 
 
 class Balance(NamedTuple):
-    """The equations B'lam + D'p = dead + alpha push for k motions, scaled to numbers of about 1."""
+    """The equations B'lam + D'p = dead + alpha * push for k motions, scaled to numbers of about 1."""
 
     B: Floats  # (m, block, k) slips in the motions
     D: Floats  # (r, k) approaches in the motions
@@ -214,7 +214,7 @@ class Balance(NamedTuple):
         return float(alpha.value), lam, p, conditions[0].dual_value, np.array(slips)
 
     def correct_forces(self, alpha: float, lam: Floats, p: Floats) -> tuple[Floats, Floats, float]:
-        """Return admissible forces that balance `dead + alpha push`, and the largest violation of a condition."""
+        """Return admissible forces that balance `dead + alpha * push`, and the largest violation of a condition."""
         p = np.maximum(p, 0.0)
         bound = (1.0 - 0.5 * MARGIN) * (self.w + self.J @ p)
         near, load = (onto_discs(lam, bound), p), self.dead + alpha * self.push

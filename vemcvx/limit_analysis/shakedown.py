@@ -1,8 +1,8 @@
 """Shakedown: the largest factor of a cycle for which slip stops (docs/theory/limit_load_and_shakedown.md).
 
-Let g be the friction bounds, f_0 the loads at the first instant, N the rigid motions, and E(t) the change of friction
-forces since the first instant while all contact sticks. By Melan's theorem slip stops for a factor alpha of changes if
-constant forces s exist with N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i. Koiter's theorem gives upper bounds.
+Let g be the friction bounds, f_0 the loads at the first instant, N the rigid motions, B the slip matrix, and E(t) the
+change of friction forces since the first instant while all contact sticks. By Melan's theorem slip stops under alpha E
+if constant forces s exist with N'B's = N'f_0 and |s_i + alpha E_i(t)| <= g_i. Koiter's theorem gives upper bounds.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def shakedown(scene: Scene, mesh: Mesh, times: ArrayLike) -> Shakedown:
         raise SolverFailed(f"shakedown: no verified lower bound: a condition is violated by {off:.1e}.")
     net = v.sum(axis=0)
     c = np.linalg.lstsq(B.reshape(-1, len(dead)), net.ravel())[0]
-    # Correct v so that its sum is B c.
+    # Correct the slips v: their sum over a cycle must be B c for a motion c.
     size = np.linalg.norm(v, axis=2, keepdims=True) + np.finfo(float).tiny
     v = v - (net - B @ c) * size / size.sum(axis=0)
     work = float((E * v).sum())

@@ -1,7 +1,7 @@
 """Cracks between two sets of cells, and cuts of a mesh into two parts.
 
 A crack divides the cells at a node into groups. Neighbouring cells are in one group if the crack does not separate
-them. Every group gets a node. At a crack tip, all cells form one group, and the node stays single.
+them. Every group gets a copy of the node. At a crack tip, all cells form one group, and the node stays single.
 """
 
 from __future__ import annotations

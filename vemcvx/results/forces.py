@@ -9,8 +9,8 @@ bilateral contact. The vectors lam, p and mu are the forces of friction, obstacl
 The matrix H of :mod:`vemcvx.scene.supports` has A_s H = I, so mu = H'(R + B^' lam + D^' p). Springs to the ground are
 a part K_s of A and exert the forces -K_s u.
 
-The adjacent sides share the force at a node in proportion to integrals of the hat function. If some sides are normal to
-the direction of a support, only normal sides share the force of the support.
+The adjacent sides share the force at a node in proportion to integrals of the hat function. If a support acts along the
+normals of some sides, only these sides share the force of the support.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _list_supports(posed: PosedScene, trajectory: Trajectory, forces: Floats) ->
     mu, first = np.asarray(rest @ supports.H[own]), 0
     for support, cause in zip(supports.given, posed.causes["supports"].tolist(), strict=True):
         along = mu[:, first : (first := first + len(support.nodes))]
-        # No effect causes the support, or the axis of revolution holds the nodes.
+        # Pins and the axis of revolution are not supports of the scene.
         if cause < 0 or isinstance(posed.scene.canonical[cause], MaterialLaw):
             continue
         force = along[:, :, None] * support.directions

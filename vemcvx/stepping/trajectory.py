@@ -111,7 +111,7 @@ class Trajectory(ArrayRecord):
     slipped : (S, m) array
         Accumulated slip of each norm term: the sum of |s_i| over all steps so far.
     energy, norm : (N + 1,) arrays
-        Stored energy 1/2 a(u_n, u_n) + (sum of c p^2 / 2 over soft limits), and energy norm |u_n|_a.
+        Stored energy 1/2 a(u_n, u_n) + (sum of c p^2 / 2 over limits with compliances c), and energy norm |u_n|_a.
     dissipated, dissipated_second_order : (N + 1,) arrays
         Energy dissipated by friction and damping so far, by backward Euler and by the trapezoidal rule.
     work : (N + 1,) array

@@ -173,7 +173,7 @@ def _relax(
         reach = MIRROR_DISTANCE[len(size)] if count > 50 else np.inf
         while True:
             points, cells = cut(seeds, size, reach)
-            # With too few images, cells leave the box or are open.
+            # With too few mirror images, cells leave the box or are open.
             inside = np.max(np.abs(points - 0.5 * size) - 0.5 * size) < SINGLE_EPS
             points = np.clip(points, 0.0, size)
             measures, centroids = _measures_and_centroids(points, cells)

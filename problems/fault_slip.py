@@ -38,7 +38,7 @@ def scene(drop=DROP):
 
 
 def mesh(n, family="squares"):
-    """Return the block with cells of a/n at the fault if n is a power of two, else with smaller cells."""
+    """Return the block with cells of width a/n at the fault if n is a power of two, else with smaller cells."""
     block = vx.meshes.FAMILIES[family](int(2 * SIZE), box=((-SIZE, SIZE), (-SIZE, SIZE)))
     for level in range(1, int(np.ceil(np.log2(n))) + 1):
         block = block.refine(np.abs(block.centroids).max(axis=1) < max(SIZE / 2**level, 1.6 * HALF))

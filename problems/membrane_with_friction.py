@@ -29,7 +29,7 @@ Virtual elements reproduce u, because u is linear. A closed loop between q = -Q 
 
 **Exact up to O(h): a membrane on a rough table.** The membrane (0, L) x (0, H) is held at x = L and pulled by q(t) at
 x = 0. The other sides are free. Friction has the bound g per area. Friction reduces T = -du/dx, the force per length,
-as x grows. The play play_r(q) stays within r of q, and changes only if it must. With this play
+as x grows. Let play_r(q) stay within the distance r of q, and change only if it must. Then
 
 $$ T(x, t) = \operatorname{play}_{g x}(q)(t), \qquad u(x, t) = \int_x^L T, \qquad \lambda = -dT / dx. $$
 

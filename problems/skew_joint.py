@@ -9,9 +9,9 @@ $$ \text{down while } S = P \tan(\theta - \phi), \qquad \text{up while } S = P \
 
 and sticks while S is between these values. For rigid blocks, step n therefore has
 S_n = clip(S_{n-1}, P_n tan(theta - phi), P_n tan(theta + phi)). S is proportional to the displacement, so every cycle
-dissipates two thirds of the work if tan(theta + phi) = 3 tan(theta - phi), as here. The forces balance up to rounding
-although the meshes do not match. For elastic blocks the relative difference from this S is about the stiffness of the
-springs divided by the stiffness of the blocks.
+dissipates two thirds of the work of loading if tan(theta + phi) = 3 tan(theta - phi), as here. The forces balance up to
+rounding although the meshes do not match. For elastic blocks the relative difference from this S is about the stiffness
+of the springs divided by the stiffness of the blocks.
 
     vemcvx run problems/skew_joint.py --n 4 --steps 36 --plot
 """

@@ -7,8 +7,7 @@ values v_i at vertices. The stabilisation replaces the exact energy a_mu + a_lam
 $$ a_\mu(v, v) = 2 \mu \int |\varepsilon(v)|^2, \qquad a_\lambda(v, v) = \lambda \int |\operatorname{div} v|^2. $$
 
 The chart shows the least and the greatest ratio S / a_mu over all v with Pi v = 0. Neither ratio depends on mu, on the
-size of the cell or on nu. If both ratios lie between positive constants, a_K^h is equivalent to a form that is elastic
-in shear and contains the mean dilatation,
+size of the cell or on nu. If both ratios lie between positive constants, a_K^h is equivalent to the form
 
 $$ a_\mu(v, v) + \lambda |K| (\text{mean of } \operatorname{div} v)^2. $$
 
@@ -16,7 +15,7 @@ This form does not lock. The last column of the chart is the least S / (a_mu + a
 names nu. For large lam this ratio goes to zero like 1 / lam, *because* S does not contain lam: S does not penalise
 variations of the dilatation within a cell.
 
-On a rectangle 2a x 2b, Pi v = 0 for the combinations of (xy, 0) and (0, xy) only. For these two fields S / a_mu is
+On a rectangle 2a x 2b, only combinations of (xy, 0) and (0, xy) have Pi v = 0. For these two fields S / a_mu is
 6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2), because int |eps|^2 of (xy / ab, 0) is 4 (b^2 + a^2 / 2) / (3ab). On a
 square both ratios are 2. On other cells, v is computed by linear finite elements on a mesh graded towards the vertices.
 The computed energies are a few per cent too high.

@@ -43,7 +43,7 @@ CASES = (
     mesh("a cell with a spike", [*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], "crosses or touches itself"),
     mesh("cells that overlap", [*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], "overlap"),
     mesh("a gap of 1e-9", [*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "gap"),
-    mesh("a hanging node of one cell only", [*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], BOTH[1]], "hanging nodes included"),
+    mesh("a hanging node that one cell omits", [*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], BOTH[1]], "hanging nodes included"),
     mesh("two nodes in one place", [*SQUARE, (0, 1)], [[0, 1, 2, 3], [0, 3, 4]], "same place"),
     mesh("a cell listed twice", SQUARE, [[0, 1, 2, 3], [0, 1, 2, 3]], "overlap"),
     mesh("a cell of two vertices", SQUARE, [[0, 1]], "at least 3"),

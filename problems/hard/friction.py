@@ -99,7 +99,7 @@ def between_clamps():
 
 
 def incline(degrees=30.0):
-    """Return `block` on an incline, with the energies of the block on level ground."""
+    """Return `block` on an incline. The energies are equal to the energies on level ground."""
     turn = np.radians(degrees)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     mesh = vx.PolygonMesh(MESH.points @ R.T, MESH.cells, boundaries=MESH.boundaries)

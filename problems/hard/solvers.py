@@ -39,7 +39,7 @@ def setting_with_check(case_times=TIMES, **more):
 
 
 def resting_load():
-    """Return a setting whose load changes in every fourth step only; in the other steps the solution is at rest."""
+    """Return a setting whose load changes in every fourth step only."""
     return on(MESH, lambda t: np.floor(4 * t), times=np.linspace(0, 1, 17))
 
 

@@ -2,7 +2,8 @@
 """# Solutions to the exercises of lesson 5, active sets and semismooth Newton"""
 
 # %% [markdown]
-# We repeat the active set iteration of the lesson, with a starting point for exercises 2 and 3.
+# We repeat the active set iteration of the lesson, with a starting point for exercises 2 and 3. In the code,
+# $\hat\lambda = \lambda + \gamma (u - u_{prev})$ is `trial`.
 
 # %%
 import numpy as np
@@ -32,7 +33,7 @@ def active_sets(program, gamma, rounds=40, start=None):
 # %% [markdown]
 # **1.** The solution for the guess (back, forward) has $u_2 = -1$, so $\hat\lambda_2 = 1 - \gamma_2$. The next guess
 # for block 2 is "sticks" if $\gamma_2 \le 2$. The solution for the guess (back, back) has
-# $\hat\lambda_2 = -1 + \gamma_2$, and the condition is the same. So the guesses cycle for shifts beyond 2.
+# $\hat\lambda_2 = -1 + \gamma_2$, and the condition is the same. So the guesses cycle for $\gamma_2 > 2$.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -103,11 +104,12 @@ assert len(warm) <= 0.15 * len(cold)
 print(f"{len(cold)} rounds from rest, {len(warm)} from the solution for nine tenths of the pull")
 
 # %% [markdown]
-# **4.** Let $\kappa_1$ and $\kappa_m$ be the smallest and the largest eigenvalue of $K$. One sure step multiplies the
-# distance of the forces to the solution by $1 - \kappa_1/\kappa_m$ or less. The condition number $\kappa_m/\kappa_1$ is
-# up to $10^3$ here, so it may take thousands of sure steps to reduce the distance by a factor of a thousand. Rounds of
-# Newton's method between sure steps make most of these steps unnecessary. With accelerated gradients, as in the
-# package, the bound on the number of sure steps is proportional to the square root of the condition number.
+# **4.** A sure step is a projected gradient step for the forces. Let $\kappa_1$ and $\kappa_m$ be the smallest and the
+# largest eigenvalue of $K$. One sure step multiplies the distance between the forces and the exact forces by
+# $1 - \kappa_1/\kappa_m$ or less. The condition number $\kappa_m/\kappa_1$ is up to $10^3$ here, so it may take
+# thousands of sure steps to reduce the distance by a factor of a thousand. Rounds of Newton's method between sure steps
+# make most of these steps unnecessary. With accelerated gradients, as in the package, the bound on the number of sure
+# steps is proportional to the square root of the condition number.
 
 
 # %%

@@ -6,7 +6,8 @@
 # that we may compute forces first and displacements afterwards, and that forces and displacements approach the same
 # optimum from two sides.
 #
-# A step of friction minimises over the slips $s$, as in lesson 6,
+# A step of friction has the stiffness $K$, the load $f$ and the friction bounds $w_i$. As in lesson 6, it minimises
+# over the slips $s$
 #
 # $$P(s) = \tfrac12 s^T K s - f^T s + \sum_i w_i |s_i| .$$
 #

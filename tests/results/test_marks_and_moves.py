@@ -69,7 +69,7 @@ def test_only_regular_files_are_deleted_or_written_to(tmp_path, kind):
 
 
 class Died(BaseException):
-    """A process that dies."""
+    """Raised where a process would die."""
 
 
 @pytest.mark.long

@@ -7,9 +7,9 @@ degrees. A step of backward Euler is a convex program in all nodal displacements
               + sum_j c_j/2 (n_j.u - gap_j)_+^2  over compliant obstacles with the stiffness c_j
     subject to  E u = h  at supports,   n_j.u <= gap_j  at rigid obstacles,
 
-in a step of length k, with stiffness K, viscosity C and friction bounds w. Clarabel solves the program. A dense linear
-system then gives the solution on the active sets of Clarabel's answer, and all inequalities are checked. Coulomb's
-friction, w = mu p with pressures p, needs a fixed-point iteration.
+in a step of length k, with stiffness K, viscosity C, loads f and friction bounds w. Clarabel solves the program. A
+dense linear system then gives the solution on the active sets of Clarabel's answer, and all inequalities are checked.
+Coulomb's friction, w = mu p with pressures p, needs a fixed-point iteration.
 
 Friction exerts the nodal force -lam_i t_i on the body, with |lam_i| <= w_i, and the obstacle exerts -p_j n_j.
 """
@@ -67,7 +67,7 @@ def scalar(value):
 
 
 class NotPolished(AssertionError):
-    """Raised if no sets satisfy all optimality conditions."""
+    """Raised if no active sets satisfy all optimality conditions."""
 
 
 @dataclass

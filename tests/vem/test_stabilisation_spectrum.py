@@ -1,4 +1,4 @@
-"""Ratios of the stabilisation S to the shear energy a_mu of v - Pi v: closed forms, invariance, bounds on families."""
+"""Ratios of the stabilisation S to the shear energy a_mu of a cell: closed forms, invariance, bounds on families."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import stabilisation_spectrum as lesson
 import vemcvx as vx
 
 CLOSE = 0.04
-"""Relative tolerance of ratios. Linear elements inside the cell have energy errors up to .018."""
+"""Relative tolerance of ratios. The energies come from linear finite elements, with errors up to .018."""
 
 
 def make_rectangle(a, b):

@@ -16,7 +16,7 @@ because C eps(u - v_n) = r_n - X. The displacement w of :mod:`.hypercircle` vani
 is orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |r_n|^2.
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
-zero, and so does the exact history. Then theorem 1 gives y_0^2 = |r_0|^2 + 2 b with b of this first step.
+zero, and so does the exact history. Theorem 1 for this step gives y_0^2 = |r_0|^2 + 2 b.
 
 **Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. To the bound
 at an instant, we add SAFETY times the largest energy distance between both runs up to the instant.

@@ -149,4 +149,4 @@ def report_errors() -> Iterator[None]:
         advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer of them (--store)"
         raise end(f"not enough memory: {error or 'none is left'}; {advice}.", INVALID) from error
     except KeyboardInterrupt as stop:
-        raise end("interrupted; `run --resume DIR` continues a run with --out DIR.", 128 + signal.SIGINT) from stop
+        raise end("interrupted; `run --resume DIR` continues a run that has --out DIR.", 128 + signal.SIGINT) from stop

@@ -161,7 +161,7 @@ def obstacle(
     return Contribution(obstacles=(stops,), curves=(subject,) if rows.curved else ())
 
 
-STIFFNESS_RULE = "it must be > 0. For a rigid obstacle, use UnilateralContact; for none, leave the effect out"
+STIFFNESS_RULE = "it must be > 0. For a rigid obstacle, use UnilateralContact; for no obstacle, leave the effect out"
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ class TrescaFriction(_Friction):
         (default): the bound is g everywhere, with a warning where friction acts without contact.
     ground : callable f(x, t) -> (m, dim) or (dim,), optional
         Displacement of an obstacle that slides under the body, such as a belt; length. The normal component is ignored
-        (use `gap`).
+        (use `gap` of UnilateralContact).
 
     Examples
     --------

@@ -57,7 +57,7 @@ class Results(ActingForces):
     errors: dict[str, float] | None = None
     bound: dict[str, Any] | None = None
     sides: Sides | None = None
-    growth: dict[str, str] | None = None  # as in `extremes`
+    growth: dict[str, str] | None = None  # key of an extreme -> how it grew on finer meshes
     energy_bounds: Annotated[Floats | None, "N 2", "energy"] = None
     cell_bounds: Annotated[Floats | None, "cells", "force length"] = None
     force_bounds: Annotated[Floats | None, "N 2", "force"] = None
@@ -133,12 +133,12 @@ class Results(ActingForces):
 
     @property
     def certified_total(self) -> Floats:
-        """The sum (S,) of the certified errors of all steps so far, rounding included, relative to the energy norm."""
+        """The sum (S,) as in `certificate_total`, including rounding errors."""
         return self.trajectory.certified_total[self.stored]
 
     @property
     def certificate_total(self) -> Floats:
-        """The sum (S,) of the certified errors of all steps so far, relative to the energy norm, without rounding."""
+        """The sum (S,) of the certified errors of all steps so far, relative to the largest energy norm so far."""
         return self.trajectory.certificate_total[self.stored]
 
     @property

@@ -17,7 +17,7 @@ from vemcvx.base.errors import HistoryError
 from vemcvx.results.results import Results
 
 COUNTED = "slip", "wear", "wear_second_order", "accumulated_slip"  # contact arrays that begin at 0 in each stage
-PER_EFFECT = "acting", "loads"  # dimensions of arrays with one entry per effect
+PER_EFFECT = "acting", "loads"  # names of array dimensions with one entry per effect
 
 
 def join(stages: Sequence[Results]) -> Results:

@@ -34,7 +34,7 @@ from vemcvx.vem.projection import tangents_of
 
 # A node on a contact boundary is a *contact node* in four cases. (1) The node can slide along the boundary. (2) It can
 # move along the normal. (3) Contact prevents normal motion, and a support prevents tangential motion. (4) A support
-# or a moving obstacle drags the node against friction. `Supports` contains A, H and P. The nodal reactions are R.
+# or a moving obstacle drags the node against friction. `Supports` defines the matrices A, H, P and the reactions R.
 
 Moving = Callable[[float], Floats]
 """t -> displacement of the ground (the counter-surface), as vectors or tangential components"""

@@ -136,7 +136,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
 
 
 def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
-    """Return w and g with int Pi u = w'u and int grad Pi u = g'u over some cells."""
+    """Return w and g with int Pi u = w'u and int grad Pi u = g'u over some cells, with the projection Pi."""
     mesh = space.mesh
     cells, gradient = np.flatnonzero(some), np.zeros(mesh.points.shape)
     for group in space.groups:
@@ -146,7 +146,7 @@ def mean_weights(space: Space, some: Bools) -> tuple[Floats, Floats]:
 
 
 def stress_load(space: Space) -> sp.csr_matrix:
-    """Return the load of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v).
+    """Return the load of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v), with the projection Pi.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 r"""A block between inclined dies that close along their normals: the same pressure on all dies and on the floor.
 
-A quadrilateral block, plane strain, lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
+A quadrilateral block in plane strain lies on a smooth floor, y = 0. Three smooth dies lie on its other sides; none of
 these sides is parallel to an axis. Let c be a point of the floor, and e a rate. The distance of c from a side with the
 outward normal n is n . (x - c), for any point x of the side. The die on this side moves by e t times this distance,
 along -n. Then

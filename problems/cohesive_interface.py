@@ -1,10 +1,10 @@
 r"""A user-defined effect: two blocks, joined by glue that softens, are pulled apart and pressed together.
 
 The blocks have heights H_1, H_2 and moduli M_1, M_2 of uniaxial strain. The sides of the blocks stay plane, and the
-meshes do not match. The top is moved up by U(t) = U0 (0, 1, -1/4, 3/2) at t = 0, 1, 2, 3. The glue between the blocks
-is rigid up to its strength c. At this stress the glue flows, across and along the interface. The accumulated flow A at
-a place reduces the strength to c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0 and the flow A_c at
-which all strength is lost. Contact keeps the opening a >= 0. The stress across the interface is
+meshes do not match. The top is moved up by U(t) = 0, U0, -U0/4, 3 U0/2 at t = 0, 1, 2, 3; U0 is a length. The glue
+between the blocks is rigid up to its strength c. At this stress the glue flows, across and along the interface. The
+accumulated flow A at a place reduces the strength to c(A) = max(c_0 (1 - A / A_c), 0), with the initial strength c_0
+and the flow A_c at which all strength is lost. Contact keeps the opening a >= 0. The stress across the interface is
 
 $$ \sigma = (U - a) / C, \qquad C = H_1 / M_1 + H_2 / M_2. $$
 

@@ -1,8 +1,8 @@
 r"""A user-defined effect: friction that weakens with slip, in a block sheared back and forth over a floor.
 
-The block (0, L) x (0, H) has the shear modulus mu. The top moves by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. The
-sides are free along x only, so that the block is sheared uniformly. The friction bound g falls with the accumulated
-slip A of each point, from the peak g_p to the residual value g_r:
+The block (0, L) x (0, H) has the shear modulus mu. The top moves by U(t) = 0, U0, -U0, U0 at t = 0, 1, 3, 5, with the
+amplitude U0. The sides are free along x only, so that the block is sheared uniformly. The friction bound g falls with
+the accumulated slip A of each point, from the peak g_p to the residual value g_r:
 
 $$ g(A) = \max(g_p - k A, g_r). $$
 

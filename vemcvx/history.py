@@ -172,8 +172,8 @@ class History(Results, Outlined):
     def to_xarray(self) -> Dataset:
         """Return all arrays as one dataset of xarray, under their names in ``history.npz``.
 
-        Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others:
-        ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have an attribute "units".
+        Dimensions are "step" (stored steps), "instant" (all instants), "node", "cell", "contact", "axis" and others. An
+        example: ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Arrays have an attribute "units".
         """
         return dataset(self)
 

@@ -37,7 +37,7 @@ print(f"the error of the mean is {norm(sigma - mean):.6f}, half the bound is {0.
 assert abs(norm(sigma - mean) - 0.5 * bound) < 1e-12 * bound
 
 # %% [markdown]
-# **2.** The difference of both energies is half the squared diameter of the circle:
+# **2.** The energy of $v$ minus the complementary energy of $\tau$ is half the squared diameter of the circle:
 # $\tfrac12 |v|^2 - f^T v + \tfrac12 |\tau|^2 = \tfrac12 |\delta|^2$ with $\delta = \tau - \mathbb C\,\varepsilon(v)$,
 # because $f^T v = \tau^T \varepsilon(v)$. So without friction the duality gap of lesson 6 is $\tfrac12 |\delta|^2$.
 
@@ -49,9 +49,9 @@ assert abs(above - below - 0.5 * bound**2) < 1e-10
 
 # %% [markdown]
 # **3.** Add to $\tau$ a combination of states without a load, and choose the factors for which $|\delta|$ is smallest.
-# This is a least-squares problem. A net has finitely many independent states without a load. If we use all these
-# states, the bound equals the error of $v$. A continuum has infinitely many states without a load, so we take states of
-# a mesh.
+# This is a least-squares problem. The random structure has finitely many independent states without a load. If we use
+# all these states, the bound equals the error of $v$. A continuum has infinitely many states without a load, so we take
+# states of a mesh.
 
 # %%
 scaled = unloaded / np.sqrt(C)

@@ -127,9 +127,9 @@ assert abs(ratios[-1] - 4) < 0.05
 # %% [markdown]
 # **4.** A step would minimise
 # $\tfrac12 a(u, u) - \langle \ell, u \rangle + \tfrac{c}{2k} \int_\Gamma (n \cdot (u - u_{prev}))_+^2\, ds$. The
-# squared positive part is convex, so there is one minimiser, and a gap certifies an answer. The package has this term,
-# `vx.Limits(compliance=1/c, rates=True)`, and the effect `vx.VelocityContact` contributes this term. We compute one
-# degree of freedom by hand:
+# squared positive part is convex, so there is one minimiser, and a duality gap certifies an answer. The package has
+# this term, `vx.Limits(compliance=1/c, rates=True)`, and the effect `vx.VelocityContact` contributes this term. We
+# compute one degree of freedom by hand:
 
 
 # %%

@@ -12,9 +12,9 @@ f, w = np.linspace(2.0, -0.7, size), np.linspace(0.6, 0.3, size)
 EPS = np.finfo(float).eps
 
 # %% [markdown]
-# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box, because then the point of the box
-# that is nearest to $\alpha f$ is $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the node with the smallest
-# quotient slips first.
+# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box $|\lambda_i| \le w_i$, because then
+# the point of the box that is nearest to $\alpha f$ is $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the
+# node with the smallest quotient slips first.
 
 # %%
 factors = w / np.abs(f)

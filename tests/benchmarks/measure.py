@@ -58,7 +58,7 @@ def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, floa
 
 
 def in_a_process(code: str) -> dict:
-    """Run code in a new process, and return the dictionary `out` with the peak memory in GB."""
+    """Run code in a new process. Return its dictionary `out`, with the peak memory in GB under "peak_gb"."""
     # Unlike VmHWM, ru_maxrss may be the peak of the parent process.
     peak = (
         "\nimport json\n"

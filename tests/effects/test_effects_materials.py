@@ -38,7 +38,7 @@ def test_a_bar_of_two_materials_has_two_strains(family):
 @any_family
 @mostly_long("degrees", [0.0, 25.0, 90.0], 1)
 def test_a_plate_pulled_at_an_angle_to_its_axes_stretches_and_shears(family, degrees):
-    """The closed form is Jones, Mechanics of Composite Materials, 1999, equation 2.97."""
+    """The closed form is equation 2.97 of Jones, Mechanics of Composite Materials, 1999."""
     E1, E2, nu, G, s = 140.0, 10.0, 0.3, 5.0, 2.0
     a = np.radians(degrees)
     c2, s2, cs = np.cos(a) ** 2, np.sin(a) ** 2, np.cos(a) * np.sin(a)

@@ -77,7 +77,7 @@ def test_groups_without_names_become_bodies_and_cells_in_no_group_are_refused(tm
 
 
 def test_a_named_face_between_two_volumes_is_their_interface(tmp_path):
-    """Compress a row of two blocks, of lengths l1, l2 and moduli E1, E2. The end moves by -p (l1 / E1 + l2 / E2)."""
+    """Two blocks in a row have lengths l1, l2 and moduli E1, E2. The pressure p moves the end by -p (l1/E1 + l2/E2)."""
     x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     x += [(3, 0, 0), (3, 1, 0), (3, 0, 1), (3, 1, 1)]
     sides = [[0, 3, 7, 4], [1, 2, 6, 5], [8, 9, 11, 10]]

@@ -52,7 +52,7 @@ def test_the_stiffness_reproduces_linear_functions(family):
 
 
 def test_the_closed_form_on_a_rough_table_is_an_integral_of_play_operators():
-    """A closed loop between the pulls q and q + D loses HEIGHT D^3 / (12 BOUND)."""
+    """A closed loop between the pulls q and q + D dissipates HEIGHT D^3 / (12 BOUND)."""
     x = np.linspace(0, lesson.LENGTH, 2001)
     pull = lesson.course(lesson.TURNS, 0.25)
     u, _ = lesson.solve_table_exactly(x)

@@ -57,9 +57,9 @@ def steps_are_stable(case, data, size, seed):
 def forces_scale_the_answer(case, power, numerator):
     """Loads c f and weights c w with c > 0 give the state c y, exactly if c is a power of two.
 
-    Loads f and weights w have 24 binary digits. If c is no power of two, c has at most 10. So c f and c w are exact.
-    The scaled state c y_n and the answer y^c_n approximate the same exact solution. Their distance is at most the sum
-    of the certified errors of both runs so far, because steps do not enlarge errors.
+    Loads f and weights w have 24 binary digits. If c is no power of two, c has at most 10 digits. So c f and c w are
+    exact. The scaled state c y_n and the answer y^c_n approximate the same exact solution. Their distance is at most
+    the sum of the certified errors of both runs so far, because steps do not enlarge errors.
     """
     plain = marched(case, NEWTON)
     doubled = case.times_forces(2.0**power).march(NEWTON, check=False)
@@ -101,7 +101,7 @@ def ledger_closes(setting, which):
     a(du, du) + lam.s + r.du, and the loss is sum w|s|. The error of the balance in a step is r.du - (w|s| - lam.s), at
     most e |du|_K + gap for the certified error e. The balance contains products x'Ky, where x and y are states,
     increments, or responses K^{-1}f to loads. A step has fewer than twenty products and linear solves. Rounding
-    changes each product by at most n eps |x|'M|y|, with M = majorant(A).
+    changes each product by at most n eps |x|'M|y|, with M = majorant(A) for the n x n stiffness A of all nodes.
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)

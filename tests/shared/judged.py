@@ -18,7 +18,8 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""If the scaled K is singular, :mod:`vemcvx.program.kernel` adds stiffness. We assume eigenvalues >= 1 / ANCHORED."""
+"""If the scaled K is singular, :mod:`vemcvx.program.kernel` adds stiffness. We assume that the sum has eigenvalues >=
+1 / ANCHORED."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force."""
 EXACT = 2.0**-160
@@ -173,7 +174,7 @@ def _check_resumed(drawn, history, verdict):
         rounded = ROUNDED if name.startswith("certificate") else 0.0
         hidden = whole.certificate_floor[:half] if name == "certificate" else 0.0
         if not np.allclose(one, other, rtol=rounded, atol=hidden, equal_nan=True):
-            verdict.faults.append(f"resumed: {name} differs from that of the uninterrupted run")
+            verdict.faults.append(f"resumed: {name} is different in the uninterrupted run")
 
 
 def _requested_accuracy(drawn):
@@ -207,9 +208,10 @@ def _iterative_error(drawn, system):
 
 
 def _measure_distance_for_weights(exact, t, n, before, guess):
-    """Return the distance from the exact solution with the answer's weights, or infinity.
+    """Return the distance of state n from the exact solution for the weights w of the run.
 
-    With large friction coefficients, a step may have several solutions.
+    With large friction coefficients, a step may have several solutions. The distance is infinite if w violates the law
+    of friction, or if no exact solution is found.
     """
     norms, now = exact.system.norms, float(t.times[n])
     w, lawful = t.weights[n][: norms.count], norms.weights_under(now, t.pressures[n])
@@ -223,11 +225,15 @@ def _measure_distance_for_weights(exact, t, n, before, guess):
 
 
 def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
-    """Check work - dE - loss = a(du, du) / 2 + p . dz - c d(p^2) / 2 in every step, up to residuals and rounding.
+    """Check the balance of energy in every step, up to residuals and rounding.
 
-    E is the stored energy, and a(u, u) / 2 is the elastic energy. Contact has the pressure p and the compliance c. The
-    normal displacement minus the gap is z. The letter d marks increments. A residual r and a duality gap change the
-    balance by r . du + gap. In runs with viscosity, prescribed initial states have no pressures.
+    The displacement u has the elastic energy a(u, u) / 2, and E is the stored energy. Contact has the pressure p and
+    the compliance c. The normal displacement minus the gap is z. With the letter d for increments, the balance is
+
+        work - dE - loss = a(du, du) / 2 + p . dz - c d(p^2) / 2.
+
+    A residual r and a duality gap change the balance by r . du + gap. In runs with viscosity, prescribed initial states
+    have no pressures.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
@@ -291,4 +297,4 @@ def _check_balance(posed, history, verdict):
         for name, m in zip(("x", "y", "moment"), motions, strict=True):
             left, size = abs(float(m.ravel() @ total)), float(np.abs(m.ravel()) @ blur)
             if left > ROUNDED * size:
-                verdict.faults.append(f"balance: step {n}: forces and loads sum to {left:.3e} in {name}, of {size:.3e}")
+                verdict.faults.append(f"balance: step {n}: {name} of forces and loads is {left:.3e}, scale {size:.3e}")

@@ -34,7 +34,7 @@ def test_three_layers_of_any_stiffness_are_pressed_like_springs_in_series(ratio)
 
 
 def solve_by_enumeration(seed, c):
-    """Return K, g and the answer y of a step with the weights 0.4 + c |s|."""
+    """Return K, g and the answer y of a step with the weights 0.4 + c |slip|."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
     K, g = A @ A.T + np.eye(6), 10 * rng.normal(size=6)

@@ -56,7 +56,7 @@ def runs_once(ran, monkeypatch):
 
 @pytest.mark.long
 def test_the_page_begins_with_a_load_cycle_on_the_papers_block(ran):
-    """The load is 0, 1, -1 and 1 at thirds of the time."""
+    """The load is 0, 1, -1 and 1 at t = 0, 1/3, 2/3 and 1."""
     app, found = ran
     problem = read_problem("feng_han_huang")
     scene = problem.module.scene(course=lambda t: np.interp(t, [0, 1 / 3, 2 / 3, 1], [0, 1, -1, 1]))

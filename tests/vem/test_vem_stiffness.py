@@ -151,7 +151,7 @@ def test_matrices_agree_with_the_formula_of_the_paper(family, stabilisation):
 
 
 def test_distance_from_the_origin_changes_no_bit_of_the_matrix(mesh):
-    """Points on a grid of 2^-20 are shifted by 2^20 without rounding."""
+    """Points on a grid with the spacing 2^-20 are shifted by 2^20 without rounding."""
     points = np.round(mesh.points * 2**20) / 2**20
     assert is_identical(assemble(with_points(mesh, points)), assemble(with_points(mesh, points + 2.0**20)))
 

@@ -64,7 +64,7 @@ def press(mesh, inner, lift, *more, plane="axisymmetric"):
 
 
 def differences(inner, n):
-    """Return relative differences of both programs: displacement, pressures, energy, dissipation, floor force."""
+    """Return relative differences between both programs: displacement, pressures, energy, dissipation, floor force."""
     mesh = vx.meshes.triangles(n, box=((inner, inner + 1.0), (0.0, 0.5)))
     ours, other = press(mesh, inner, 1.5), Ring(mesh.points, np.array(list(mesh.cells)))
     other.elastic()

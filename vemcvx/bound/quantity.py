@@ -7,14 +7,14 @@ the defect of v and tau in the laws of friction and contact, and e = u - v.
 
 The dual pair is a displacement z_h with z_h = z_D := -u_D on the supports, and a stress tau_z in equilibrium with the
 load of q. The defect of the dual pair is r_z, with the norm A_z. The loads, friction and pressure in equilibrium with
-tau do the work T(w) on w. Then
+tau do the work T(z) on a displacement z. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,
           =  q(v) + (C eps(z_h), eps(e)) + (r_z, eps(e)),
     (C eps(z_h), eps(e))  =  T(z_h) - (sigma_0 + C eps(v), eps(z_h))             equilibrium of sigma.
 
-Let d = C eps(e) - r / 2. The proof of Theorem 1 shows |e|^2 <= (r, eps(e)) + b. So |d|^2 <= A^2 / 4 + b, and q(u)
-differs from
+Let d = C eps(e) - r / 2. The proof of Theorem 1 (:mod:`vemcvx.bound`) shows |e|^2 <= (r, eps(e)) + b. So
+|d|^2 <= A^2 / 4 + b, and q(u) differs from
 
     m  =  q(v) + T(z_h) - (sigma_0 + C eps(v), eps(z_h)) + (r_z, C^-1 r) / 2
 

@@ -24,7 +24,7 @@ class Fitting:
 
     file: File
     measured: Annotated[Path, typer.Option(metavar="FILE.csv", help="A table of t and measured values.")]
-    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters to fit; no sign changes.")]
+    by: Annotated[str, typer.Option(metavar="NAME,NAME", help="Parameters to fit; they keep their signs.")]
     mesh: Mesh = None
     n: N = None
     settings: Settings = NONE

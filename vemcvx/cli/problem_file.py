@@ -82,7 +82,7 @@ def split_values(text: str) -> list[str]:
     return [part.strip() for part in re.split(r",(?![^(\[]*[)\]])", text) if part.strip()] or [text]
 
 
-SPACE_N = 8  # Default number of cells across the shortest side in space.
+SPACE_N = 8  # In space, the default number of cells across the shortest side.
 # Function of a problem file -> signature (PARTS), types of the result (KINDS), result in words (RETURNS).
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 KINDS = {"scene": (Scene,), "mesh": (PolygonMesh, PolyhedralMesh), "times": (object,), "stages": (object,)}

@@ -243,7 +243,7 @@ class Friction(ContactSurface):
         return w + self._evaluate("law of friction", self.law.weights, t, (p, past, slip))
 
     def slope_under(self, t: float, p: Floats, past: Floats) -> Floats:
-        """Return the derivatives (m,) of the weights by the normal forces p."""
+        """Return the derivatives (m,) of the weights with respect to the normal forces p."""
         if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
         return self._evaluate("slope", self.law.slope, t, (p, past))
@@ -337,7 +337,7 @@ class Eigenstrain:
 
 @dataclass(frozen=True)
 class InitialStress:
-    """A stress at zero strain, force per area, positive in tension. `component_names` gives the order."""
+    """A stress at zero strain, force per area, positive in tension. `component_names` gives the order of components."""
 
     subject: str
     value: Callable[[float], Floats]  # t -> (n_cells, components)

@@ -59,8 +59,8 @@ class SuperLUFactor(Factor):
     def _schur_complement(self, m: int) -> Floats:
         """Return the Schur complement L_cc U_cc of the last m unknowns c, or raise SceneError.
 
-        By Sylvester's law of inertia, the pivots D of K = L D L' have the signs of the eigenvalues of K. So D_ii must
-        exceed the rounding error of K_ii.
+        K = L D L' is positive definite if and only if all pivots D_ii are positive. So D_ii must exceed the rounding
+        error of K_ii.
         """
         L, U, place = self._lu.L, self._lu.U, self._lu.perm_c
         D, diagonal = U.diagonal(), self._K.diagonal()[self._order[np.argsort(place)]]
@@ -93,8 +93,8 @@ def order_by_minimum_degree(K: sp.csr_matrix) -> Ints:
 def order_by_nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
     """Return an elimination order (n,) of a symmetric matrix with this graph.
 
-    Parts are halved along the longest axis. A separator has the vertices of the upper half with neighbours in the lower
-    half.
+    Parts are halved along the longest axis. Vertices of the upper half that have neighbours in the lower half form the
+    separator.
     """
     n = len(points)
     part = np.zeros(n, dtype=np.int64)  # one bit per level

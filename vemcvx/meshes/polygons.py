@@ -279,7 +279,7 @@ def _split_into_triangles(polygons: NDArray[Any]) -> tuple[Floats, Ints]:
 
 
 def close_pairs(points: Floats, distance: float) -> Ints:
-    """Return the pairs of points within a distance."""
+    """Return the pairs of points that are at most `distance` apart."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points).query_pairs(distance, output_type="ndarray").astype(np.int64)

@@ -108,7 +108,7 @@ class StepProgram(ArrayRecord):
 
     @property
     def stuck(self) -> Bools:
-        """True (m,) for terms that always stick."""
+        """A mask (m,) of terms that always stick."""
         return np.asarray(self.w == np.inf)
 
     @property
@@ -180,7 +180,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None."""
+        """Return the kernel motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None."""
         import cvxpy as cp
 
         if (N := self.operators.kernel) is None:

@@ -84,7 +84,7 @@ class Corners:
     sides: Sides | None
 
     def sentence(self, nodes: Sequence[int], row: int) -> str:
-        """Return the warning for an extreme near `nodes` in a row of the history."""
+        """Return the warning for an extreme value near `nodes` in a row of the history."""
         if self.sides is None:
             return ""
         corners = (self._corner(self.sides, node, row) for node in nodes if node in self.sides.edges)
@@ -92,7 +92,7 @@ class Corners:
         return self.at_load(nodes) or found
 
     def at_load(self, nodes: Sequence[int]) -> str:
-        """Return the warning for an extreme near a point load, or ""."""
+        """Return the warning for an extreme value near a point load, or ""."""
         there = self.sides is not None and self.sides.loaded is not None and np.isin(nodes, self.sides.loaded).any()
         return f"at a point load: grows {WITHOUT_LIMIT}" if there else ""
 

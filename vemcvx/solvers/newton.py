@@ -127,7 +127,7 @@ def build_columns(sets: ActiveSets, p: Floats, law: Weights) -> tuple[sp.csr_mat
 
 
 def build_matrix(W: Floats, R: Floats, P: sp.csr_matrix, Qt: sp.csr_matrix, compliance: Floats) -> Floats:
-    """Return the matrix of the system, bordered by R if K has a kernel."""
+    """Return the matrix of the system, with a border R for the kernel of K."""
     count = P.shape[0]
     M = np.zeros((count + R.shape[1],) * 2, order="F")
     M[:count, :count] = P @ (Qt @ W).T

@@ -223,7 +223,7 @@ class CellGroup:
         return self.values_at(self.corners)
 
     def values_at(self, x: Floats) -> Floats:
-        """Return the values (c, q, n) of Pi phi_j at points x, relative to the first vertex."""
+        """Return the values (c, q, n) of Pi phi_j at points x; x is relative to the first vertex."""
         (measures, gradients), w = self.gradients(), self.boundary_means()
         arms = (x - np.einsum("ci,cia->ca", w, self.corners)[:, None]) / measures[:, None, None]
         return np.asarray(np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None])

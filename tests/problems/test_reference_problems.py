@@ -21,7 +21,7 @@ import vemcvx as vx
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):
     """On every mesh a block of weight G slips up a slope of angle a at the push F = (tan a + mu) / (1 - mu tan a) G."""
-    # With Coulomb's law, each program has a tenth of the target gap. Clarabel reaches this gap by polishing.
+    # With Coulomb's law, each program for Clarabel has a tenth of the target gap. Polishing reaches this gap.
     solver = vx.Clarabel(polish=True) if polish else vx.Newton()
     mesh = incline.mesh(5, family)
     history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")

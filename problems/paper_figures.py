@@ -204,7 +204,7 @@ def table_1(found: Errors, sizes: Sequence[int]) -> dict[str, vx.measures.Conver
         "relative energy errors at t = 1 on squares, h = k, and observed orders": (
             vx.measures.convergence_table(h, {"printed": printed, **relative}, "h = k")
         ),
-        "the same, absolute: ||v||_E = (1/2 int C eps : eps)^(1/2), (daN mm)^(1/2) at 1 mm thickness": (
+        "absolute energy errors: ||v||_E = (1/2 int C eps : eps)^(1/2), (daN mm)^(1/2) at 1 mm thickness": (
             vx.measures.convergence_table(h, absolute, "h = k")
         ),
     }

@@ -34,7 +34,7 @@ def invoke(*arguments):
 
 
 def run(*arguments):
-    """Run the paper's problem on a small mesh; return the output."""
+    """Run PROBLEM on a small mesh, and return the output."""
     done = invoke("run", PROBLEM, "--n", 4, "--steps", 2, *arguments)
     assert done.exit_code == 0, done.output
     return done.output

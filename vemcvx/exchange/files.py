@@ -85,8 +85,8 @@ def encode_program(program: StepProgram, name: str) -> Files:
         raise ProgramError("write_program: the program has no unknowns left; use condense=False (--no-condense).")
     if program.stuck.any():
         raise ProgramError(
-            f"write_program: {program.stuck.sum()} norm terms have infinite weights, because they always stick; no "
-            "format can express this. Write an earlier step, in which these terms are not locked."
+            f"write_program: {program.stuck.sum()} norm terms have infinite weights, so that they always stick; no "
+            "format can express this. Write an earlier step, in which all weights are finite."
         )
     return {**FORMATS[name][0](program), ".json": in_json(description(program))}
 

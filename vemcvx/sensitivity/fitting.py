@@ -200,7 +200,7 @@ def fit(
             residuals, start, derivatives, (low, high), x_scale=scale, ftol=TOLERANCE, xtol=TOLERANCE, gtol=None
         )
     except ValueError as error:
-        wanted = "lower bounds < upper bounds, theta_0 between the bounds, finite measurements (or NaN) and penalty"
+        wanted = "lower bounds < upper bounds, theta_0 between the bounds, measurements finite or NaN, a finite penalty"
         raise SceneError(f"fit: {error} Wanted: {wanted}.") from error
     best, r, J, data = run(found.x.tobytes()), found.fun, np.asarray(found.jac), int(known.sum())
     inverse, free = _invert(J, scale)

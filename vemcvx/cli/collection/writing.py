@@ -1,13 +1,13 @@
 """A collection of programs with certified optima: each program is a step of a run.
 
-Each program or sequence of programs has a grade. *easy*: the paper's scene, and scenes with a solution in closed form.
-*sizes*: other meshes of the paper's scene. *bounds*: one-sided contact. *pressure*: Coulomb's law, with friction bounds
-from the pressures of the solution. *discs*: friction in space, with one second-order cone per contact node. *bodies*:
-several bodies. *floating*: the stiffness K has a kernel, because only friction and contact hold the bodies. *soft*:
-compliant obstacles. *viscous*: viscous materials. *sticking*: few nodes slip. *degenerate*: many nodes have zero slip
-and a friction force at its bound. *incompressible*: K has a condition number up to 1e9. *units*: numbers of unusual
-magnitude. *large*: sparse K with up to a million unknowns. *no optimum*: infeasible or unbounded programs, with a
-certificate. *sequences*: the 256 steps of a run; each answer is a warm start for the next step.
+Each program or sequence of programs has a grade. *easy*: the scene of Feng, Han and Huang, and scenes with closed
+forms. *sizes*: the first scene on other meshes. *bounds*: one-sided contact. *pressure*: Coulomb's law, with friction
+bounds from the pressures of the solution. *discs*: friction in space, with one second-order cone per contact node.
+*bodies*: several bodies. *floating*: the stiffness K has a kernel, because only friction and contact hold the bodies.
+*soft*: compliant obstacles. *viscous*: viscous materials. *sticking*: few nodes slip. *degenerate*: many nodes have
+zero slip and a friction force at its bound. *incompressible*: K has a condition number up to 1e9. *units*: numbers of
+unusual magnitude. *large*: sparse K with up to a million unknowns. *no optimum*: infeasible or unbounded programs, with
+a certificate. *sequences*: the 256 steps of a run; each answer is a warm start for the next step.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
 
-With --page no problem is run: the program writes README.md, a page of the pictures in the folder --out.
+With --page no problem is run: the program writes README.md, which shows the pictures in the folder --out.
 
 This folder has two kinds of problem:
 

@@ -7,9 +7,9 @@ $$
 \qquad \lambda = g \operatorname{sign}(u') \text{ wherever } u' \ne 0,
 $$
 
-with u = 0 on one part of the boundary and grad u . n = q(t) on another. The friction lambda acts per area (a membrane
-on a rough table) or per length of a part of the boundary (there grad u . n + lambda = q). The tension is one. In the
-weak form a(u, v) = int grad u . grad v and j(v) = int g |v|.
+with the velocity u'. On one part of the boundary u = 0, and on another part grad u . n = q(t). The friction lambda acts
+per area (a membrane on a rough table) or per length of a part of the boundary (there grad u . n + lambda = q). The
+tension is one. In the weak form a(u, v) = int grad u . grad v and j(v) = int g |v|.
 
 **Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
 gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`, a cell of area A has the

@@ -14,7 +14,7 @@ $$ 2 g_0 H / (G U) . $$
 radius G R / H, which must fit into the disc of the radius g. The factor is g H / (G R).
 
 *The top is free*, under a shear traction between 0 and T. Friction alone holds the block, so the sum of the added
-forces is zero. The factor is the smaller of 2 g_0 / T and (g_0 + g_1) / (2 T), the factor of the limit load.
+forces is zero. The factor is the smaller of 2 g_0 / T and the limit load factor (g_0 + g_1) / (2 T).
 
 By Melan's theorem, the added forces give a lower bound of the factor. By Koiter's theorem, a cycle of slips gives an
 upper bound. The run goes through 100 cycles with 1.02 times the factor: the work of friction in a cycle approaches a

@@ -157,8 +157,8 @@ assert abs(friction - w @ np.abs(step.answer.d)) <= step.certificate.gap + round
 #
 # and *every* iteration multiplies the error of the forces by $q$ or less.
 #
-# Nesterov's acceleration needs one more line. The acceleration saves few iterations on coarse meshes, and many on fine
-# meshes (exercise 3).
+# Nesterov's acceleration needs one more line of code. The acceleration saves few iterations on coarse meshes, and many
+# on fine meshes (exercise 3).
 
 # %%
 least, *_, largest = np.linalg.eigvalsh(K)

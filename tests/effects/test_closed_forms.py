@@ -160,7 +160,7 @@ def test_elastic_foundation(body):
 
 
 def test_thermal_strain(body):
-    """A free body has no stress. A body blocked along x has stress along x. A clamped body has pressure."""
+    """A free body has no stress. A body blocked along x has stress along x. A clamped body is under pressure."""
     hot = 0.02 * body.swell
     heat = vx.ThermalStrain(1e-3, lambda x, t: 20 * t)
     free = body.run(body.walls, heat)

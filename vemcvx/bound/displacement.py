@@ -55,7 +55,7 @@ LOADS = LINEAR_MASS_INVERSE @ np.einsum("q,qk,qi->ki", RULE_WEIGHTS, _BARYCENTRI
 
 
 def triangle_forms(fans: Fans) -> Floats:
-    """Return the energy matrices (c, n, 26, 26) of triangles."""
+    """Return the energy matrices (c, n, 26, 26) of the n triangles in each of c cells."""
     c, n = fans.corners.shape[:2]
     C = np.einsum("prk,ckl,qsl->cprqs", VOIGT, fans.C, VOIGT)
     tensor = np.einsum("ct,ctar,ctbs,cprqs->ctpqab", fans.doubled_areas, fans.back, fans.back, C, optimize=True)
@@ -77,7 +77,7 @@ def _slots(n: int) -> Ints:
 
 
 def displacement_form(fans: Fans) -> Floats:
-    """Return the matrices M (k, 4 n + 6, 4 n + 6) of k cell shapes."""
+    """Return the matrices M (k, 4 n + 6, 4 n + 6) of k cell shapes with n vertices."""
     shapes = fans.shapes
     return condense_to_outlines(shapes, condense(triangle_forms(shapes), 8), _slots(fans.n))
 

@@ -18,7 +18,7 @@ Now let friction fall (c < 0). Under uniform shear, a step of the length k has o
 stiffness, -c H / (G k), is less than 1. For larger ratios friction jumps from mu_0 P to mu_1 P when the pad begins to
 slip. On slow discs, V < (mu_0 - mu_1) P / |c|, the pad then sticks again: q is a sawtooth with the period (mu_0 - mu_1)
 P H / (G V). On faster discs there is a second solution besides this sawtooth: the pad slips forever at q = mu_1 P. Try
-`--set growth=-.15`: a warning names the ratio.
+`--set growth=-.15` for c = -.15: a warning names the ratio.
 
     vemcvx run problems/brake_pad.py --n 4 --steps 80 --plot
 """

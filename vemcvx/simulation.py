@@ -102,7 +102,7 @@ def simulate(
     Raises
     ------
     SceneError
-        The scene or an argument is not valid, no bound is available, or `initial` violates (2.1) of the paper.
+        The scene or an argument is not valid, there is no bound, or `initial` violates (2.1) of Feng, Han and Huang.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified
@@ -277,7 +277,7 @@ class Projected:
 def projected(displacement: data.Datum, settle: bool = True) -> Projected:
     """Return the energy projection P^h u_0 of an initial displacement: a^h(P^h u_0, v) = a(u_0, v) for all v of V^h.
 
-    P^h is defined in (2.11) and (3.26) of the paper. A step at times[0] leads from P^h u_0 to the initial state, which
+    Feng, Han and Huang define P^h in (2.11), (3.26). A step at times[0] leads from P^h u_0 to the initial state, which
     obeys (2.1) on the mesh. If displacements change much, a warning says that u_0 violates (2.1) or the mesh is coarse.
 
     Parameters

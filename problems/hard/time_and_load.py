@@ -34,7 +34,7 @@ def tiny_steps(t):
 
 
 def increments_have_digits(setting, history):
-    """Return a fault unless increments of tiny steps are proportional."""
+    """Return a fault unless the increments of tiny steps are multiples of the first increment."""
     if "Newton" not in history.solver:
         return ""
     steps = np.diff(history.displacement[1:], axis=0)

@@ -13,13 +13,13 @@ f, w = np.linspace(2.0, -0.7, m), np.linspace(0.6, 0.3, m)
 times = np.linspace(0.0, 2.0, 33)
 
 # %% [markdown]
-# **1.** Let $s_n = u_n - u_{n-1}$. The derivative of the friction work $Q$ has an explicit part and a part from the
-# slips,
+# **1.** Let $s_n = u_n - u_{n-1}$ be the slips, $w$ the friction bounds, and $Q$ the friction work. The derivative of
+# $Q$ has an explicit part and a part from the slips,
 #
 # $$dQ = \sum_n |s_n|^T dw + \sum_n w^T \mathrm{sign}(s_n)\, (du_n - du_{n-1}) .$$
 #
-# So $b_n$, the right side of the adjoint sweep in section 2, contains $w\,\mathrm{sign}(s_n)$ from step $n$, and
-# $-w\,\mathrm{sign}(s_{n+1})$ from the next step. The explicit part is added at the end.
+# So $b_n$, the right side of the adjoint sweep in section 2 of the lesson, contains $w\,\mathrm{sign}(s_n)$ from step
+# $n$, and $-w\,\mathrm{sign}(s_{n+1})$ from the next step. The explicit part is added at the end.
 
 
 # %%

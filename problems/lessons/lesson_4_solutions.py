@@ -18,11 +18,12 @@ def walk(loads, u=0.0, bound=w):
 
 
 # %% [markdown]
-# **1.** Let $f \ge w$ be the peak of the load. At the peak the slider is at $(f - w)/K$. At load 0 the slider is still
-# at this position if $(f - w)/K \le w/K$. So the end position is $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. A
-# computation uses only the loads at the ends of steps; let $\tilde f$ be the largest of these loads. The error is the
-# difference of the end positions for $f$ and for $\tilde f$. It is $(f - \tilde f)/K$ if both loads lie between $w$ and
-# $2w$. The largest error is $w/K$, for $f \ge 2w$ and $\tilde f \le w$. No certificate of a step can detect this error.
+# **1.** Let $K$ be the stiffness, $w$ the friction bound, and $f \ge w$ the peak of the load. At the peak the slider is
+# at $(f - w)/K$. At load 0 the slider is still at this position if $(f - w)/K \le w/K$. So the end position is
+# $\min((f - w)/K,\, w/K)$, and 0 for $f < w$. A computation uses only the loads at the ends of steps; let $\tilde f$ be
+# the largest of these loads. The error is the difference of the end positions for $f$ and for $\tilde f$. It is
+# $(f - \tilde f)/K$ if both loads lie between $w$ and $2w$. The largest error is $w/K$, for $f \ge 2w$ and
+# $\tilde f \le w$. No certificate of a step can detect this error.
 
 
 # %%
@@ -76,7 +77,7 @@ assert walk(ramp) - ends[2] <= 0.5 * 0.05 / 1000 / K + 1e-15
 print(f"end positions for fast, slower and slow loads: {np.round(ends, 4)}; without a damper: {walk(ramp)}")
 
 # %% [markdown]
-# **4.** The force $\lambda_i$ of a slider follows $U$ until it reaches its bound:
+# **4.** The force $\lambda_i$ of a slider follows the displacement $U$ until the force reaches its bound:
 # $\lambda_i \leftarrow \mathrm{clip}(\lambda_i + dU, \pm w_i)$. During the first loading all forces start from zero, so
 # the total force is $R(U) = \sum_i \min(U, w_i)$. This function is concave, and its slope is the number of sliders that
 # stick. At $U = 2$ all forces are at their bounds. While $U$ falls, each force can change by twice its bound before its

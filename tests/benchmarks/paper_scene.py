@@ -1,4 +1,4 @@
-"""The scenes of the benchmarks: Section 4 of the paper, and a block in space under a rotating load."""
+"""The scenes of the benchmarks: Section 4 of Feng, Han and Huang, and a block in space under a rotating load."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def invoke(*arguments):
 
 
 def compare(*options):
-    """Compare solvers on the paper's problem on a small mesh; return the output."""
+    """Compare solvers on PROBLEM with a small mesh; return the output."""
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, *options)
     assert done.exit_code == 0, done.output
     return done.output

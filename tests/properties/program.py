@@ -48,10 +48,10 @@ def answers_obey_the_law_of_friction(case, exponent, which):
     """Multipliers obey |lam_i| <= w_i, K y + B'lam = f up to the certified error, and sum w|s| - lam.s <= gap.
 
     Each summand of the gap is between 0 and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
-    w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the gap may be taken at d - v, with
-    |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at most 2w |B v|. Here |B_i v| is at most
-    |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of stored states. In blocks of two
-    components, |lam| <= w holds up to the rounding of a division and a root.
+    w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the certified gap may belong to
+    d - v instead of the increment d, with |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at
+    most 2w |B v|. Here |B_i v| is at most |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of
+    stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)
@@ -69,11 +69,11 @@ def answers_obey_the_law_of_friction(case, exponent, which):
 
 @for_all(case=cases(), size=exponents(-8, 1), seed=SEEDS)
 def no_competitor_is_better(case, size, seed):
-    """The objective obeys P(d) <= P(c) + G for every c, and |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
+    """No increment c has an objective P(c) below P(d) - G, where d is the stored increment.
 
-    G is primal minus dual objective at the stored increment d. So P(d) - P(d*) <= G for the exact d*, by weak duality.
-    The gap of a certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong
-    convexity gives 1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G. The triangle inequality then bounds |d - c|_K.
+    G is primal minus dual objective at d. So P(d) - P(d*) <= G for the exact d*, by weak duality. The gap of a
+    certificate can be less than G, because theorem 2 bounds |d - d*|_K, but not P(d) - P(d*). Strong convexity gives
+    1/2 |c - d*|^2 <= P(c) - P(d*) <= P(c) - P(d) + G. So |d - c|_K <= error + sqrt(2 (P(c) - P(d) + G)).
     """
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):

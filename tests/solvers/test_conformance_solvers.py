@@ -35,7 +35,7 @@ TIMES = np.linspace(0.0, 1.0, 7)
 
 
 def make_scene():
-    """Return the paper's scene under a load that reverses."""
+    """Return the scene of Feng, Han and Huang under a load that reverses."""
     return paper_scene(lambda t: np.sin(6 * t))
 
 

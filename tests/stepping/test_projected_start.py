@@ -1,4 +1,4 @@
-"""Runs that begin from the projection P^h u_0 of the paper."""
+"""Runs that begin from the projection P^h u_0 of Feng, Han and Huang."""
 
 import logging
 
@@ -75,7 +75,7 @@ C = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0])
 
 @mostly_long("family", PLANE[:4], "squares")
 def test_errors_from_the_projection_are_of_order_one(family):
-    """Theorem 3.10 of the paper assumes the start P^h u_0. Here h = 1 / n and k = 1 / (n + 1)."""
+    """Theorem 3.10 of Feng, Han and Huang assumes the start P^h u_0. Here h = 1 / n and k = 1 / (n + 1)."""
     initial, errors = vx.projected(moving.displacement, settle=False), []
     for n in (8, 16):
         run = vx.simulate(moving.scene(), moving.mesh(n, family), moving.times(n + 1), initial=initial)

@@ -153,7 +153,7 @@ def test_a_table_that_cannot_be_read_is_refused_in_words(tmp_path, text):
 @pytest.mark.parametrize(
     ("value", "start", "options", "words"),
     [
-        (np.inf, 0.5, {}, "not finite .* Wanted: .* finite measurements"),
+        (np.inf, 0.5, {}, "not finite .* Wanted: .* measurements finite or NaN"),
         (1.0, 0.5, {"bounds": ([150.0, 0.0, 0.0], [150.0, 0.4, 1.0])}, "Wanted: lower bounds < upper bounds"),
         (1.0, 0.7, {"bounds": (0.0, 0.6)}, "Wanted: .* theta_0 between the bounds"),
         (1.0, 0.5, {"penalty": [[np.nan, 0.0, 0.0]] * 3}, "not finite .* Wanted: .* penalty"),

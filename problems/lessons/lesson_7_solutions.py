@@ -93,9 +93,9 @@ print(f"smooth solution:\n{in_space}")
 assert np.abs(in_space.orders["error"][1:] - 1).max() < 0.1
 
 # %% [markdown]
-# **4.** Minimise $h^{-2}k^{-1}$ for $C_h h + C_k k = \varepsilon$. At the minimum the gradient of the logarithm of the
-# cost, $(-2/h, -1/k)$, is parallel to $(C_h, C_k)$, so $C_h h = 2 C_k k$. The error of the mesh is *two thirds* of the
-# total.
+# **4.** Minimise the cost $h^{-2}k^{-1}$ for $C_h h + C_k k = \varepsilon$. At the minimum the gradient of the
+# logarithm of the cost, $(-2/h, -1/k)$, is parallel to $(C_h, C_k)$, so $C_h h = 2 C_k k$. The error of the mesh is
+# *two thirds* of the total.
 
 # %%
 C_h, C_k, target = 3.0, 0.7, 0.05

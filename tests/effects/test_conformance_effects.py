@@ -20,7 +20,7 @@ OTHER_FIELDS = {
 
 
 def vectors(x, first, last):
-    """Return vectors at points x from their first and last components."""
+    """Return vectors with these first and last components at points x."""
     first, last = first + 0 * x[:, 0], last + 0 * x[:, 0]
     return np.column_stack([first, *(0.3 * first for _ in x.T[2:]), last])
 

@@ -26,7 +26,7 @@ def solve_statics(points, ways, dead, push, friction):
     """Solve a linear program for the largest factor of a push that a floor with friction can balance.
 
     `dead` and `push` are columns of :func:`wrench`. The factor multiplies `push`. At each point, the floor exerts an
-    upward pressure p and the friction sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= friction p.
+    upward pressure p and the tangential force sum_k a_k ways_k, with a_k >= 0 and sum_k a_k <= `friction` p.
     """
     (m, dim), q = points.shape, len(ways)
     columns = [wrench(points, way) for way in (np.eye(dim)[-1], *ways)]

@@ -139,7 +139,7 @@ def turned_in(sides):
 
 
 def test_bodies_slide_along_a_curve_but_not_around_corners():
-    """Nodes of a curve have the mean normal of their sides. A square peg does not turn in a square hole."""
+    """A node of a curve has the mean normal of both adjacent sides. A square peg does not turn in a square hole."""
     history = turned_in(24)
     mesh = history.mesh
     turned = 0.1 * np.column_stack([-mesh.points[:, 1], mesh.points[:, 0]])

@@ -32,7 +32,7 @@ def read_cbf(text):
 
 
 def to_second_order(cost, A, b, cones):
-    """Convert rotated cones, 2 x_0 x_1 >= |x|^2, to second-order cones of (x_0 + x_1, x_0 - x_1, 2^{1/2} x)."""
+    """Convert rotated cones, 2 x_0 x_1 >= |z|^2, to second-order cones of (x_0 + x_1, x_0 - x_1, 2^{1/2} z)."""
     turns = []
     for kind, size in cones:
         turn = sp.eye_array(size)

@@ -38,7 +38,7 @@ class Edges:
     """The E edges of a mesh."""
 
     count: int
-    places: tuple[Ints, ...]  # positions (c, 4 n) of the edge motions, for each chunk of cells
+    places: tuple[Ints, ...]  # positions (c, 4 n) of edge motions, for each chunk of c cells with n edges
     outer: Ints  # (b, 2, 2) positions of motions of boundary edges
     nodes: Ints  # (E, 2) ends of each edge, in increasing order
 

@@ -3,7 +3,7 @@
 At each instant, u is the exact displacement, and sigma the exact stress. The displacement v and the stress tau are
 admissible, and r is the defect of v and tau (:mod:`vemcvx.bound`). Let X = tau - sigma, and let C be the elastic
 tensor. Then X = r + C eps(v - u). Let g be the friction bound, q the friction of tau, and s' the slip rate of v. A
-prime is a derivative in time. Green's formula and Tresca's law give
+prime is a derivative in time, and |v|_a is the energy norm. Green's formula and Tresca's law give
 
     d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int (g |s'| - q s'),
 
@@ -16,7 +16,7 @@ because C eps(u - v_n) = r_n - X. The displacement w of :mod:`.hypercircle` vani
 is orthogonal to C eps(w). Therefore v + w may replace v, except in the last term |r_n|^2.
 
 **The start.** If u(0) = v_0, then y_0 = |r_0|. A run with initial="equilibrium" or "settled" begins with a step from
-zero, and so does the exact history. Theorem 1 for this step gives y_0^2 = |r_0|^2 + 2 b.
+zero, and so does the exact history. For this step, Theorem 1 with b of :mod:`vemcvx.bound` gives y_0^2 = |r_0|^2 + 2 b.
 
 **Data in time.** If data are not linear within steps, we repeat the run on the same mesh in finer steps. To the bound
 at an instant, we add SAFETY times the largest energy distance between both runs up to the instant.

@@ -214,8 +214,8 @@ class Elasticity(_Elastic):
 
 # Orthotropic linear elasticity (Lekhnitskii 1963; Jones 1999, chapter 2).
 #
-# A material has axes 1, 2, 3, Young's moduli E, shear moduli G, and nu_ij = -e_j / e_i under tension along i. In these
-# axes, normal strains are e = S sigma, and shear strains are 2 e_ij = sigma_ij / G_ij, with the symmetric matrix
+# A material has axes 1, 2, 3, Young's moduli E, and shear moduli G. Under tension along i, nu_ij = -e_j / e_i for the
+# normal strains e. In these axes e = S sigma, and shear strains are 2 e_ij = sigma_ij / G_ij, with the symmetric matrix
 #
 #     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]].
 #

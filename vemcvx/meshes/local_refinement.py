@@ -121,7 +121,7 @@ def centres_of(mesh: PolygonMesh, splitting: Splitting, marked: Bools) -> Floats
 
     cell                            centre
     convex, four bends, long sides  the mean of the four bends
-    not convex, four bends          (x_1 + x_3) / 2 if the outline turns right at x_1
+    not convex, bends x_0 ... x_3   (x_1 + x_3) / 2 if the outline turns right at x_1
     other convex cells              the centroid
     other cells                     the centroid if it is at least 0.1 diameters to the left of all edges, else the
                                     centre of the largest disc to the left of all edges

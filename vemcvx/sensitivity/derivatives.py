@@ -199,7 +199,7 @@ def sensitivities(
     of : sequence of str
         Names of quantities: "reaction of left x" (the force of supports on a boundary of the body), "displacement at
         (1, 0.5) y", "slip at (0.5, 0) x" (at a contact node), "energy", and "dissipated" (the friction work, with an
-        error O(k) in the step k).
+        error O(k) for steps of the duration k).
     initial : None, array or "settled"
         As for :func:`vemcvx.simulate`. A given state does not depend on the parameters.
     shapes : callable x (k, dim) -> (k, P), optional

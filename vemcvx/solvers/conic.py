@@ -41,11 +41,11 @@ TUNED: Mapping[str, Mapping[str, Setting]] = {
         "tol_gap_rel": follow_gap(INNER_FRACTION, 1e-15),
         "tol_feas": follow_gap(TARGET_FRACTION, 1e-13, power=0.5),  # squares of residuals enter the gap
         "max_threads": 1,  # two threads take three times as long as one thread
-        "direct_solve_method": "faer",  # "qdldl" takes five times as long for the paper's program
+        "direct_solve_method": "faer",  # "qdldl" takes five times as long for problems/feng_han_huang.py
         "iterative_refinement_enable": False,  # refinement doubles the time, and rarely gains digits
         "presolve_enable": False,
         "equilibrate_enable": False,  # programs are scaled already
-        "static_regularization_constant": 1e-15,  # with 1e-13, 1/6 of the paper's steps miss the accuracy
+        "static_regularization_constant": 1e-15,  # with 1e-13, steps of feng_han_huang.py miss the accuracy
         "max_step_fraction": 0.999,  # saves 7 % of the iterations
     },
     "OSQP": {

@@ -41,7 +41,7 @@ SMALL = {"n": 4, "steps": 200}
 
 
 def there_and_back(t):
-    """Return the fraction of the motion at t: 0 at whole numbers, 1 at .5, 1.5 and so on."""
+    """Return the fraction of the motion: 0 at t = 0, 1, 2, and 1 at t = .5, 1.5."""
     return 1.0 - abs(2.0 * (t % 1.0) - 1.0)
 
 

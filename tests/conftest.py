@@ -68,9 +68,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Add the mark `slow` to long tests. Tests outside `LONGER` without the mark `slow` become `quick`.
+    """Add the marks `slow` and `quick`, and remove the mark `long` from cases marked `slow`.
 
-    A test marked `long` may have cases marked `slow`. These cases lose the mark `long`.
+    All other tests marked `long` become `slow`. Tests outside `LONGER` without the mark `slow` become `quick`.
     """
     for item in items:
         if item.get_closest_marker("slow"):

@@ -17,8 +17,8 @@ import vemcvx as vx
 # %% [markdown]
 # ## 1. Ten lines
 #
-# Springs of stiffness 1 join four blocks in a row, and tie block 4 to a wall. Block 1 is pulled. Block $i$ has the
-# friction bound $w_i$. As in lesson 1, the step (2.34) from the positions $u_{prev}$ to the positions $u$ minimises
+# Springs of stiffness 1 join four blocks in a row, and tie block 4 to a wall. The load $f$ pulls block 1. Block $i$ has
+# the friction bound $w_i$. As in lesson 1, the step (2.34) from the positions $u_{prev}$ to the positions $u$ minimises
 # the energy
 #
 # $$\begin{gathered} P(u) = \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|, \\

@@ -100,10 +100,10 @@ assert refused
 assert vx.march(system, [0.0, 1.0], solver=Right(with_zeros=False)).certificate.max() <= 1e-6
 
 # %% [markdown]
-# **5.** $\sum_m \sqrt{2\,\mathrm{gap}_m} \le \varepsilon$ holds if each gap is at most $\tfrac12 (\varepsilon / n)^2$.
-# If the errors were independent with mean zero, their squares would add up, and $\tfrac12 \varepsilon^2 / n$ would
-# suffice. But the errors of a solver may be biased, for example if all slips are too small. The theorem covers the
-# worst case.
+# **5.** For $n$ steps, $\sum_m \sqrt{2\,\mathrm{gap}_m} \le \varepsilon$ holds if each gap is at most
+# $\tfrac12 (\varepsilon / n)^2$. If the errors were independent with mean zero, their squares would add up, and
+# $\tfrac12 \varepsilon^2 / n$ would suffice. But the errors of a solver may be biased, for example if all slips are too
+# small. The theorem covers the worst case.
 
 # %%
 n, target = 50, 1e-3

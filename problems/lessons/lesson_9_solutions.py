@@ -12,9 +12,9 @@ f, w = np.linspace(2.0, -0.7, size), np.linspace(0.6, 0.3, size)
 EPS = np.finfo(float).eps
 
 # %% [markdown]
-# **1.** Let $\alpha$ be the factor. Nothing moves while $\alpha f$ lies in the box $|\lambda_i| \le w_i$, because then
-# the point of the box that is nearest to $\alpha f$ is $\alpha f$ itself. So $\alpha = \min_i w_i / |f_i|$, and the
-# node with the smallest quotient slips first.
+# **1.** Scale the load to $\alpha f$. Nothing moves while $\alpha f$ lies in the box $|\lambda_i| \le w_i$, because
+# then the point of the box that is nearest to $\alpha f$ is $\alpha f$ itself. So slip begins at
+# $\alpha = \min_i w_i / |f_i|$, and the node with the smallest quotient slips first.
 
 # %%
 factors = w / np.abs(f)
@@ -26,8 +26,8 @@ assert not pulled.state[1].any()
 assert np.flatnonzero(pulled.state[2]).tolist() == [first]
 
 # %% [markdown]
-# **2.** $\max_{p \ge 0} p^T(s - e)$ is 0 if $s \le e$, and infinite otherwise. After the exchange of minimum and
-# maximum, the minimum over $s$ lies where $Ks = f - p$, and the dual is
+# **2.** The wall requires $s \le e$. The maximum $\max_{p \ge 0} p^T(s - e)$ is 0 if $s \le e$, and infinite otherwise.
+# After the exchange of minimum and maximum, the minimum over $s$ lies where $Ks = f - p$, and the dual is
 #
 # $$\max_{p \ge 0}\; -\tfrac12 (f - p)^TK^{-1}(f - p) - p^Te .$$
 #

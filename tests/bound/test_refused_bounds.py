@@ -42,7 +42,7 @@ INSIDE = vx.Elasticity(young=lambda x: 1.0 + 199.0 * (abs(x[:, 0] - 0.5) < 0.3),
             (STEEL, vx.BilateralContact(on="top"), Rubs(1.0)),
             "no estimate for Rubs, whose edges are not known\\. .* by ends=",
         ),
-        # The smaller of both gaps has a corner between nodes.
+        # The smaller of both gaps has a kink between nodes.
         (
             (STEEL, *(vx.UnilateralContact("top", lambda x, t, k=k: 0.1 + abs(k - x[:, 0])) for k in (0, 1))),
             "if UnilateralContact on top and another obstacle of the same kind act on the same edge",

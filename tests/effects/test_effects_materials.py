@@ -82,6 +82,6 @@ def test_the_stabilisation_does_not_lock_on_stiff_fibres():
         energy = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", check=False).energy[-1]
         return energy / (b**2 / (24 * G))
 
-    # The ratio is 1.037 for "shear", and tends to 1 as h tends to 0. For `Trace` it is 2e-6.
+    # The share is 1.037 for "shear", and tends to 1 as h tends to 0. For `Trace` it is 2e-6.
     assert share("shear") == pytest.approx(1.0, abs=0.06)
     assert share(Trace()) < 0.01

@@ -14,7 +14,7 @@ SECOND_ORDER = "dissipated_second_order", "work_second_order"
 
 
 def rubbed(plate, mesh, end=1.0, coefficient=0.3):
-    """Return a function from numbers of steps to runs. The top of the body moves by plate(t)."""
+    """Return a function that runs the scene in a given number of steps. The top of the body moves by plate(t)."""
     scene = vx.Scene(
         vx.Elasticity(100.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: np.tile(plate(t), (len(x), 1)), on="top"),

@@ -93,7 +93,7 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     Rounding has two consequences, with M = `majorant(A)` and the slips s:
 
     - Elastic forces A u and loads f change by c = kappa eps (M|u| + |f|). Then u changes by |c|_{K^-1} in the energy
-      norm.
+      norm, with the stiffness matrix K of the free unknowns.
     - Weights w change by kappa eps w. Multipliers times 1 - kappa eps are admissible for both bodies. With loss = sum
       w|s|, the gap grows by 2 kappa eps loss, and the error in the energy norm by sqrt(4 kappa eps loss).
 

@@ -24,8 +24,8 @@ DEFAULT, ALL = (29, 33, 37, 72, 268, 275, 414, 469, 526, 531, 609, 733, 793, *ra
 def judge_all(seeds, most_refused, draw=draw):
     """Judge the scenes of all seeds, and report their faults together.
 
-    Exact steps may fail under tiny loads, for example 1e-29 in scene 251. Failures in the worst scene are not counted.
-    All other failures are at most 5 % of all steps.
+    Exact steps may fail under tiny loads, for example 1e-29 in scene 251. Failures in the scene
+    with the most failures are not counted. All other failures are at most 5 % of all steps.
     """
     faults, refused, steps, unknown = [], Counter(), 0, []
     scenes = [drawn for drawn in map(draw, seeds) if drawn is not None]

@@ -1,4 +1,4 @@
-"""Files of this package in a folder that may also contain foreign files.
+"""Output files in a folder that may also contain foreign files.
 
 The file ``.vemcvx`` lists the files that the package created in the folder, one name per line. Files that are not
 listed are never changed. A process that uses the folder locks the list.

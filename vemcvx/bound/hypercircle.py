@@ -19,8 +19,8 @@ Finally, |r_0|^2 = |tau_0|^2 - 2 (tau_0, eps(v)) + |v|^2. Here (tau_0, eps(v)) i
 tau_0 on v.
 
 **The lower bound.** Let W be the space of displacements that are quadratic on edges, have least energy inside cells,
-and vanish on the supports and on edges with friction, obstacles or bonded bodies. We compute w in W with a(w, z) = R(z)
-for all z in W. Theorem 2, with the residual R, gives the lower bound R(w) / |w| = |w|. We call v + w *richer*.
+and vanish on the supports and on edges with friction, obstacles or bonded bodies. With the residual R of Theorem 2, we
+compute w in W with a(w, z) = R(z) for all z in W. The lower bound is R(w) / |w| = |w|. We call v + w *richer*.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from vemcvx.vem.tensors import elastic_matrix
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The forms (k, 4 n + 6, 4 n + 6) of k cell shapes."""
+    """The forms (k, 4 n + 6, 4 n + 6) of k shapes of cells with n vertices."""
 
     fans: Fans
     outlines: Ints  # (c, 4 n) positions of cell outlines in `Defect.outline`

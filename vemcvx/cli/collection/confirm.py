@@ -120,7 +120,7 @@ class Program:
         return np.array(found.x)[:n], lam, z[len(right) :]
 
     def confirm(self) -> tuple[bool, float]:
-        """Return whether Clarabel's answer agrees, and the certified error of this answer."""
+        """Return whether Clarabel's answer agrees with the stored answer, and Clarabel's certified error."""
         d, lam, p = self.run_clarabel()
         d = self.feasible(d)
         stored, found = self.certify(self.d, self.lam, self.p), self.certify(d, lam, p)

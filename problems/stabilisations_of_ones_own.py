@@ -6,9 +6,9 @@ class, as in ``vx.Elasticity(..., stabilisation=DRecipe())``. The stiffness, the
 two runs (`vx.measures.energy_distance`) use this stabilisation.
 
 boundary    S = mu / 2 sum_e (m / |e|) (v_b - v_a).(w_b - w_a), with edges e from a to b, and m the mean of |e|. This is
-            mu m / 2 times the integral over dK of d_s v . d_s w, with the slopes d_s along edges. S. Brenner and Sung,
-            Virtual element methods on meshes with small edges or faces (2018); P. Wriggers and others, A virtual
-            element method for contact (2016)
+            mu m / 2 times the integral over the boundary of K of d_s v . d_s w, with the slopes d_s along edges.
+            S. Brenner and Sung, Virtual element methods on meshes with small edges or faces (2018); P. Wriggers and
+            others, A virtual element method for contact (2016)
 D-recipe    S = sum_i max(mu, a_K(Pi phi_i, Pi phi_i)) v_i w_i, with the elastic form a_K of the cell, and the shape
             functions phi_i. L. Beirao da Veiga, F. Dassi and A. Russo, High-order virtual element method on polyhedral
             meshes (2017); L. Mascotto (2018)

@@ -286,7 +286,7 @@ assert bounds[12][0].upper < 0.6 * bounds[3][0].upper
 # 1. Show that the error of the mean of both fields, $\tfrac12(\tau + \mathbb C\,\varepsilon(v))$, is exactly half the
 #    bound.
 # 2. The complementary energy $-\tfrac12 |\tau|^2$ is below the least energy $\tfrac12 |u|^2 - f^T u$, and the energy of
-#    any $v$ is above the least energy. How does the difference of both energies depend on the circle?
+#    any $v$ is above the least energy. How does the energy of $v$ minus the complementary energy depend on the circle?
 # 3. Add to $\tau$ the state of force without a load for which the bound is smallest. How large is this bound?
 # 4. How much do nodes slip at most? Use $\sum_i (w_i - |\lambda_i|) |u_i| \le \tfrac14 |\delta|^2 + \Phi$. What does
 #    this prove about nodes that stick in the answer?

@@ -48,10 +48,10 @@ assert (np.abs(slips).sum(axis=0) > 0).any()
 assert np.abs(gradient - np.abs(slips).sum(axis=0)).max() > 0.1  # the explicit part alone is wrong
 
 # %% [markdown]
-# **2.** The unknowns are $\alpha$, two pressures and two friction forces. The balance has three rows: horizontal
-# forces, vertical forces, and moments about the left edge. The multipliers of these rows are the motion. The footing
-# slides if the force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its slip. If
-# the force acts higher up, the footing tips about its right edge.
+# **2.** The unknowns are the force $\alpha$, two pressures and two friction forces. The balance has three rows:
+# horizontal forces, vertical forces, and moments about the left edge. The multipliers of these rows are the motion. The
+# footing slides if the force acts near the floor. In the dual solution the sliding footing rises by $\mu$ times its
+# slip. If the force acts higher up, the footing tips about its right edge.
 
 # %%
 WIDTH, WEIGHT, FRICTION = 2.0, 3.0, 0.4
@@ -81,10 +81,10 @@ assert tips[1] > 0.1
 # %% [markdown]
 # **3.** The constant forces of the exercise can have any values, because $K$ is invertible. So the conditions on the
 # two sliders are separate. Let $\bar\lambda_i$ be the constant forces, and $\lambda^e_i(t)$ the friction forces of a
-# cycle without slip. Slider $i$ needs a point $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at
-# most $w_i/\alpha$. This point is the centre of a disc of radius $w_i/\alpha$ that contains all points
-# $\lambda^e_i(t)$. Let $r_i$ be the radius of the smallest disc that contains these points. The disc of radius
-# $w_i/\alpha$ exists if and only if $w_i/\alpha \ge r_i$. Therefore
+# cycle without slip. The factor $\alpha$ multiplies the loads and these friction forces. Slider $i$ needs a point
+# $-\bar\lambda_i/\alpha$ whose distance from all $\lambda^e_i(t)$ is at most $w_i/\alpha$. This point is the centre of
+# a disc of radius $w_i/\alpha$ that contains all points $\lambda^e_i(t)$. Let $r_i$ be the radius of the smallest disc
+# that contains these points. The disc of radius $w_i/\alpha$ exists if and only if $w_i/\alpha \ge r_i$. Therefore
 #
 # $$\alpha^* = \min_i\; w_i / r_i .$$
 #

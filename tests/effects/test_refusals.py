@@ -1,4 +1,4 @@
-"""Errors name impossible effects of users, and doubtful scenes cause warnings."""
+"""Errors name user-defined effects that are wrong. Doubtful scenes cause warnings."""
 
 from dataclasses import dataclass, replace
 

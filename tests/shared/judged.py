@@ -18,8 +18,8 @@ from vemcvx.scene import pose_scene
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
 ANCHORED = 256
-"""If the scaled K is singular, :mod:`vemcvx.program.kernel` adds stiffness. We assume that the sum has eigenvalues >=
-1 / ANCHORED."""
+"""If the scaled stiffness matrix is singular, :mod:`vemcvx.program.kernel` adds stiffness. We assume that the sum of
+both has eigenvalues >= 1 / ANCHORED."""
 CONSISTENT = 1e-11
 """Allowed deviation of weights from the friction law, relative to the largest force."""
 EXACT = 2.0**-160
@@ -232,8 +232,8 @@ def _check_ledger(drawn, posed, t, inexact, unsolved, verdict):
 
         work - dE - loss = a(du, du) / 2 + p . dz - c d(p^2) / 2.
 
-    A residual r and a duality gap change the balance by r . du + gap. In runs with viscosity, prescribed initial states
-    have no pressures.
+    A residual r and a duality gap change the balance by r . du + gap. In runs with viscosity, z determines the
+    pressures of a prescribed initial state.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance

@@ -113,9 +113,9 @@ def test_budgets_for_a_stiffness_with_another_form_are_refused():
 
 
 def compute_squares(history):
-    """Return squared parts of the budget, and the number of cells where `along` is below the stabilisation energy.
+    """Return squared parts of the budget, and the number of cells with the energies `along` < `stabilised`.
 
-    "jumps" and "boundary" lack the factor `CONSTANT`^2. "stabilisation" takes the larger of both energies in each cell.
+    "stabilisation" is the sum of the larger energies. "jumps" and "boundary" lack the factor `CONSTANT`^2.
     """
     mesh, u, posed = history.mesh, history.displacement[-1], pose_scene(history.scene, history.mesh)
     C, strain = np.diag([2 * MU, 2 * MU, MU]) + LAM * np.outer([1, 1, 0], [1, 1, 0]), strains(posed.space, u)

@@ -108,11 +108,11 @@ def test_triangles_and_tetrahedra_are_linear_finite_elements(dim):
     expected, order = linear_elasticity(*fields).assemble(basis), basis.nodal_dofs.T.ravel()
     K = assemble(mesh)
     assert find_largest(K - expected[order][:, order]) < 1e-12 * find_largest(K)
-    assert is_identical(K, assemble(mesh, "unit"))  # S_K = 0 on simplices
+    assert is_identical(K, assemble(mesh, "unit"))  # the stabilisation of simplices is zero
 
 
 def compute_by_formula(mesh, tau):
-    """Compute the matrix (3.13) of the paper. In a cell, Pi of a basis function solves a 6 x 6 system."""
+    """Compute the matrix (3.13) of Feng, Han and Huang. In a cell, Pi of a basis function solves a 6 x 6 system."""
     K = np.zeros((2 * mesh.n_nodes,) * 2)
     for cell, area, la, m, t in zip(mesh.cells, mesh.areas, *draw_moduli(mesh), tau, strict=True):
         x = mesh.points[cell] - mesh.points[cell].mean(axis=0)

@@ -77,7 +77,7 @@ class Pass:
     time: float
     seconds: float
     extremes: dict[str, tuple[float, float]]
-    """cell size and value of each extreme that may be unbounded"""
+    """for quantities that may be unbounded: cell size, and largest value"""
 
     @property
     def total(self) -> float:

@@ -4,11 +4,11 @@ A step has the stiffness matrix K, the load g and the increment d. Norm terms ha
 forces lam and the slips s = B d - b. The limits have the rows D, the data e, the forces p, the compliances c and the
 gaps z - c p, with z = D d - e. Let x = (lam, p), A = [B; D] and off = (s, z - c p). Then K d = g - A'x, and
 
-    off(x + dx) = off(x) - (W + C) dx,     W = A K^{-1}A',     C = diag(0, c).
+    off(x + dx) = off(x) - (A K^{-1}A' + C) dx,     C = diag(0, c).
 
-We scale the rows by units u. The scaled matrix W + C has the diagonal 1.
+We divide x by units u, and multiply `off` by u. The scaled matrix W = u (A K^{-1}A' + C) u has the diagonal 1.
 
-If K has a kernel, anchors (:mod:`.kernel`) make K definite. Let N be a basis of the kernel with R'R = I for R = A N.
+If K has a kernel, anchors (:mod:`.kernel`) make K definite. Let N be a basis of the kernel with R'R = I for R = u A N.
 The increment then has a further part N alpha, which adds R alpha to `off`. In equilibrium, N'g = R'x.
 """
 
@@ -31,8 +31,8 @@ from vemcvx.program.step_program import StepProgram
 class Point:
     """Forces, slips and gaps of all rows, in the units of :class:`Delassus`."""
 
-    x: Floats  # (N,) forces (lam, p)
-    off: Floats  # (N,) slips s, then gaps z - c p
+    x: Floats  # (n_rows,) forces lam, then p
+    off: Floats  # (n_rows,) slips s, then gaps z - c p
     a: Floats  # (k,) kernel coordinates alpha
     rest: Floats  # (k,) N'g - R'x
     start: Point | None = None  # the point that `begin` returned
@@ -64,7 +64,7 @@ class Delassus:
         return 1.1 * float(np.linalg.norm(x))
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
-        """Split a vector (N,) into norm terms (m, block) and limits (r,)."""
+        """Split a vector into norm terms (m, block) and limits (r,)."""
         rows = self.operators.B.shape[0]
         return x[:rows].reshape(-1, self.operators.block), x[rows:]
 
@@ -77,7 +77,7 @@ class Delassus:
         return Point(x / self.u, off + self.R @ a, a, self.N.T @ push)
 
     def excess(self, program: StepProgram, d: Floats, p: Floats) -> Floats:
-        """Return the slips and gaps (N,) of increments d."""
+        """Return the slips and gaps of increments d."""
         given = np.concatenate([program.b, program.e + self.operators.compliance * p])
         off: Floats = self.operators.A @ d - given
         return off
@@ -100,7 +100,7 @@ class Delassus:
 
 
 def compute_delassus(operators: Operators, u: Floats, yielding: Floats) -> Floats | LinearOperator:
-    """Return u A K^{-1} A' u + diag(yielding) (N, N)."""
+    """Return u A K^{-1} A' u + diag(yielding)."""
     rows, read = sp.csr_matrix(sp.diags_array(u) @ operators.A), np.unique(operators.A.indices).astype(np.int64)
     dense = isinstance(operators.K, np.ndarray) or operators.kernel is not None
     if not dense and len(read) ** 2 > CHUNK_SIZE:

@@ -5,7 +5,7 @@ distances are
 
 - exact: $(\int C \varepsilon(u - v) : \varepsilon(u - v))^{1/2}$, on triangles, rectangles and tetrahedra;
 - projected: the same integral for Pi u and Pi v, on any cells;
-- nodal: $|w|$ for w = u - v at the nodes of the mesh of u, which must be nodes of the mesh of v.
+- nodal: the norm $|w|$ below, for w = u - v at the nodes of the mesh of u, which must be nodes of the mesh of v.
 
 With the cells K of u, and the stabilisation S_K, the norm (3.13) of Feng, Han and Huang is
 

@@ -81,9 +81,9 @@ assert 4 / mu < locked < 0.1 * sound
 print(f"deflection with eta = mean of C: {locked:.2f}, with 2 mu: {sound:.1f}, by shear alone: {4 / mu:.2f}")
 
 # %% [markdown]
-# **3.** Five vertices have ten values. The linear fields have six dimensions, so four modes satisfy $\Pi v = 0$. The
-# square without the hanging node has two such modes. The patch test still holds, because linear fields still belong to
-# the space.
+# **3.** A square with a hanging node has five vertices and ten values. The linear fields have six dimensions, so
+# four modes satisfy $\Pi v = 0$. The square without the hanging node has two such modes. The patch test still holds,
+# because linear fields still belong to the space.
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -95,8 +95,8 @@ assert np.abs(projection(hanging)[1] @ straight - straight).max() < 1e-13
 
 # %% [markdown]
 # **4.** $\int_\omega \nabla v = \sum_i v_i \otimes N_i$ is the integral of all four derivatives. Its symmetric part
-# gives the first condition, its antisymmetric part the third. The second condition, the mean over the boundary, is not
-# needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
+# gives the mean strain of $\Pi v$, and its antisymmetric part the mean rotation. The condition on the mean over the
+# boundary is not needed for a gradient. The code calls $N_i/|\omega|$ `slopes`.
 
 # %%
 pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7]])

@@ -223,7 +223,7 @@ def test_one_sided_contact_closes_a_gap(body):
 
 
 def test_expansion_of_an_anisotropic_body_turns_with_its_axes():
-    """The stress is -alpha theta R diag(b_1, b_2) R', with the rotation R and the row sums b of the stiffness S^-1."""
+    """The stress is -alpha theta R diag(b_1, b_2) R', with the rotation R and the row sums b of the stiffness."""
     young, nu, angle, hot = (100.0, 40.0, 30.0), (0.3, 0.2, 0.25), 0.5, 0.048
     wood = vx.Orthotropic(young, nu, 25.0, angle, plane="strain")
     S = np.diag(1 / np.array(young))

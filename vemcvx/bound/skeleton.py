@@ -1,8 +1,8 @@
 """The edges of a mesh, the states of a run, and normal forces between bonded bodies.
 
 Let T be the normal force on two opposite edges of an interface between bodies 1 and 2. If the supports prescribe the
-normal jump, the run has no multiplier for T. On the edge of body i, let s_i be the normal force of the computed stress,
-mu_i the shear modulus, d_i the width of the cell across the edge, and w_i = d_i / (2 mu_i). We take the minimiser T of
+jump of the normal displacement, the run has no multiplier for T. On the edge of body i, let s_i be the normal force of
+the computed stress, mu_i the shear modulus, d_i the cell width across the edge, and w_i = d_i / (2 mu_i). T minimises
 
     w_1 |T - s_1|^2 + w_2 |T - s_2|^2.
 """

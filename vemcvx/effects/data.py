@@ -27,7 +27,7 @@ from vemcvx.vem.tensors import component_names
 
 
 class Tabulated:
-    """A table of values over time, interpolated linearly, in place of any function f(x, t).
+    """A table of values over time, interpolated linearly. It can replace any function f(x, t).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Programs as named arrays, in NPZ archives and in Matrix Market files.
 
-A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. A limit j with compliance c_j > 0
-is soft: the term (D_j d - e_j)_+^2 / (2 c_j) replaces the limit. An NPZ archive holds these arrays::
+A program minimises 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| over all d with D d <= e. If limit j, D_j d <= e_j,
+has a compliance c_j > 0, the term (D_j d - e_j)_+^2 / (2 c_j) replaces it. An NPZ archive holds these arrays::
 
     B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
     D_data, ...     compressed rows of D

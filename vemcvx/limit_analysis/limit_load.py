@@ -1,7 +1,7 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
-Let N be the rigid motions that no support prevents, f_0 the loads of the scene, and f the load to multiply. Contact
-exerts the nodal forces -B'lam - D'p. Friction lam has the bound w + J p at pressures p. We find the largest alpha with
+Let N be the rigid motions that no support prevents, f_0 the loads of the scene, and f the load to multiply. A motion u
+has slips B u and approaches D u. At contact forces p, friction lam has the bound w + J p. The largest alpha satisfies
 
     N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
 """
@@ -43,7 +43,7 @@ class LimitLoad(ArrayRecord):
     motion : (n_nodes, dim) array
         Displacements of the nodes in the mechanism, on which the load does the work 1.
     mechanism : str
-        The mechanism in words, not to scale.
+        The mechanism in words, up to a factor.
 
     Examples
     --------
@@ -167,8 +167,8 @@ class Balance(NamedTuple):
 
     B: Floats  # (m, block, k) slips in the motions
     D: Floats  # (r, k) approaches in the motions
-    w: Floats  # (m,)
-    J: sp.csr_matrix  # (m, r)
+    w: Floats  # (m,) friction bounds at p = 0
+    J: sp.csr_matrix  # (m, r) friction coefficients
     dead: Floats  # (k,) work of the loads of the scene
     push: Floats  # (k,) work of the multiplied load
 

@@ -180,7 +180,7 @@ class StepProgram(ArrayRecord):
         return balance_multipliers((lam, p), self.w, self.operators.kernel_modes, N.T @ self.g, weights)
 
     def find_unbalanced_motion(self) -> Floats | None:
-        """Return the kernel motion N c with the largest gain g'N c - sum w_i |B_i N c| for |c| <= 1, or None."""
+        """Return v with K v = 0, |v| <= 1 and the largest gain g'v - sum w_i |B_i v|, or None."""
         import cvxpy as cp
 
         if (N := self.operators.kernel) is None:
@@ -296,7 +296,7 @@ class StepProgram(ArrayRecord):
         return replace(plain, friction=friction, limits=limits, moved=2.0 * operators.energy_norm(v))
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return N'r = N'(g - B'lam - D'p), and a bound on the rounding error."""
+        """Return N'(g - B'lam - D'p) with a basis N of the kernel of K, and a bound on the rounding error."""
         size, x, modes = np.abs(self.g), np.append(lam, p), self.operators.kernel_modes
         # g is a difference of forces that may be larger than g.
         terms = np.abs(N).T @ (size + size.max(initial=0.0) / 8) + np.abs(x) @ np.abs(modes)

@@ -86,7 +86,7 @@ class Space:
         return np.repeat(np.arange(shape[1]), np.diff(meets.indptr)), meets.indices.astype(np.int64)
 
     def project_values(self, x: Floats, point: Ints, cell: Ints) -> sp.csr_matrix:
-        """Return the matrix from v to Pi v at x, where cell[k] contains x[point[k]]."""
+        """Return the matrix from nodal values v to the projection Pi v at x, where cell[k] contains x[point[k]]."""
         total = sp.csr_matrix((len(x), self.mesh.n_nodes))
         for group in self.groups:
             place = np.minimum(np.searchsorted(group.cells, cell), len(group.cells) - 1)

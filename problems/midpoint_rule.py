@@ -1,9 +1,10 @@
 r"""Backward Euler compared with the midpoint rule, on the slip of one block.
 
-Let a be the elastic form, |.|_a its energy norm, and j the friction functional. The displacements whose forces friction
-can balance form the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the projection on
-C, both in the energy norm. Let u be the displacement of the body, u_l(t) its displacement under the load l without
-friction, and z = u_l - u. The problem and its steps of backward Euler, equation (2.34) of Feng, Han and Huang, are
+Let a be the elastic form, |.|_a its energy norm, and j the friction functional. Friction can balance the elastic forces
+of a displacement z if z is in the set C = {z : a(z, v) <= j(v) for all v}. Let N_C be the normal cone of C, and P_C the
+projection on C, both in the energy norm. Let u be the displacement of the body, u_l(t) its displacement under the load
+l without friction, and z = u_l - u. The problem and its steps of backward Euler, equation (2.34) of Feng, Han and
+Huang, are
 
 $$ u' \in N_C(z) \qquad \text{and} \qquad z_n = P_C(z_{n-1} + u_{l,n} - u_{l,n-1}). $$
 

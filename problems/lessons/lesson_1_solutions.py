@@ -2,7 +2,8 @@
 """# Solutions to the exercises of lesson 1, one slider"""
 
 # %% [markdown]
-# We repeat the slider of the lesson: stiffness $K$, friction bound $w$, and the step as a clip.
+# We repeat the slider of the lesson: stiffness $K$, friction bound $w$, and the step under the pull $f$ as a clip.
+# The step has the energy $P$ and the dual energy $D$.
 
 # %%
 import numpy as np
@@ -15,8 +16,8 @@ def step(u_prev, f, bound=w):
 
 
 # %% [markdown]
-# **1.** The block stays while $(f - w)/K \le 0.7 \le (f + w)/K$, that is for $|f - 0.7 K| \le w$. These are the pulls
-# from 0.4 to 2.4, both included. Pulls of 0.399 and of 2.401 move the block.
+# **1.** The block stays at $u_{prev} = 0.7$ while $(f - w)/K \le 0.7 \le (f + w)/K$, that is for $|f - 0.7 K| \le w$.
+# These are the pulls from 0.4 to 2.4, both included. Pulls of 0.399 and of 2.401 move the block.
 
 # %%
 inside, beyond = (0.4 + 1e-3, 1.0, 2.4 - 1e-3), (0.4 - 1e-3, 2.4 + 1e-3)
@@ -50,8 +51,8 @@ assert min(term.min() for term in terms) >= 0
 assert abs(gap - sum(terms)).max() < 1e-14
 
 # %% [markdown]
-# **4.** Friction depends on the slip relative to the table, $s = u - u_{prev} - \Delta$. So $u_{prev} + \Delta$
-# replaces $u_{prev}$ in $P$, in the clip and in $D$. The belt carries the block along while
+# **4.** The belt moves by $\Delta$. Friction depends on the slip relative to the belt, $s = u - u_{prev} - \Delta$. So
+# $u_{prev} + \Delta$ replaces $u_{prev}$ in $P$, in the clip and in $D$. The belt carries the block along while
 # $(f - w)/K \le u_{prev} + \Delta \le (f + w)/K$. On a belt that never stops, with $\Delta = 0.1$ in every step, the
 # block comes to rest at $(f + w)/K$. At this position the force of the spring equals the sum of the pull and the
 # friction bound.

@@ -41,8 +41,9 @@ import vemcvx as vx
 #   \;\; \text{for all linear } q, \\ \int_{\partial \omega} \Pi v = \int_{\partial \omega} v,
 #   \qquad \int_\omega \nabla \times \Pi v = \int_\omega \nabla \times v. \end{gathered}$$
 #
-# Here $\varepsilon$ is the strain. The right-hand sides of these six conditions are linear functions of the vertex
-# values $(v_{1x}, v_{1y}, v_{2x}, \dots)$. The matrix $F$ contains the coefficients:
+# Here $\varepsilon$ is the strain. These are three conditions on strains, two on mean values and one on the rotation.
+# The right-hand sides are linear functions of the vertex values $(v_{1x}, v_{1y}, v_{2x}, \dots)$. The matrix $F$
+# contains the coefficients:
 
 
 # %%

@@ -1,4 +1,4 @@
-"""Cuts along a line or a plane: the two parts of a mesh."""
+"""A cut along a line or a plane divides a mesh into two parts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Problems of heated bodies against closed forms."""
+"""Heated bodies and a bent wooden strip agree with closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples in docstrings of the package run, and print the output that the docstring shows."""
+"""Every example in a docstring of the package runs, and prints the output that the docstring shows."""
 
 from __future__ import annotations
 

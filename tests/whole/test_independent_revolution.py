@@ -1,4 +1,4 @@
-"""Bodies of revolution are compared with independent linear triangles and, far from the axis, with plane strain."""
+"""Bodies of revolution agree with an independent program of linear triangles and, at large radii, with plane strain."""
 
 from __future__ import annotations
 

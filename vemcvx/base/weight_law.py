@@ -26,8 +26,8 @@ from vemcvx.base.errors import SceneError
 class Law:
     """A law of friction.
 
-    In an effect, p has m entries, one per weight. In a :class:`vemcvx.System`, p has the forces (r,) of all limits, and
-    each norm term has one weight.
+    In an effect, p has m entries, one per weight. In a :class:`vemcvx.System`, p has the forces (r,) of the `limits`,
+    and each term of the `norms` has one weight.
 
     Parameters
     ----------

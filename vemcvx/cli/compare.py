@@ -62,7 +62,7 @@ class Row:
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
 
-Attempt = tuple[Row, Trajectory | None]  # row without comparison, and answer
+Attempt = tuple[Row, Trajectory | None]  # a row that is not yet compared, and the answer
 
 
 @dataclass(frozen=True, kw_only=True)

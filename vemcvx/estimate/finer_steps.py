@@ -60,7 +60,7 @@ def finer_instants(times: Floats, known: Course, parts: int = FINER) -> Floats:
     chosen, width = np.union1d(subdivide(times, parts, 8 * parts), known.bends), np.diff(known.times)
     slopes = np.diff(known.values, axis=0) / width[:, None]
     curved = 0.5 * np.abs(np.diff(slopes, axis=0)).max(axis=1) * (width[:-1] + width[1:])
-    # `piece` numbers intervals of length h with h^2 |f''| / 8 = .002, the interpolation error of the data f.
+    # `piece` is the index of an interval. Its length h obeys h^2 |f''| / 8 = .002, an interpolation error of data f.
     piece = np.floor(np.cumsum(np.sqrt(curved / 0.016)))
     return np.union1d(chosen, known.times[1:-1][np.diff(piece, prepend=0.0) > 0.0])
 

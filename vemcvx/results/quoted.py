@@ -52,7 +52,7 @@ class Quantity:
     Attributes
     ----------
     value : float
-        Accurate to second order in the time step; to first order with dashpots, or if slip changes direction in space.
+        Of second order in the time step; of first order with dashpots, or if the slip of a body in space turns.
     steps, mesh : float
         The estimated errors of the value due to time steps and mesh; `mesh` is NaN if the mesh cannot be refined.
     unit : str

@@ -71,7 +71,7 @@ class Quantities:
             slips -= np.diff([terms.ground(t) for t in times], axis=0, prepend=[terms.ground(times[0])])
         law, none, under = terms.law_of(slice(None)), np.zeros(len(terms)), zip(times, p, strict=True)
         w = np.array([terms.weights(t) if law is None else law.weights(t, force, none, none) for t, force in under])
-        # Supports determine the slips of the last nodes. Rounding errors in slips are set to zero.
+        # Supports determine the slips of dragged nodes, which come last. Rounding errors in slips are set to zero.
         lam, acting, size = run.multipliers.copy(), terms.acting, np.abs(u).max()
         drawn = slips.reshape(lam.shape)[:, acting:].reshape(-1, terms.block)
         drawn = np.where(np.abs(drawn) > DRAG_ROUNDING * size, drawn, 0.0)

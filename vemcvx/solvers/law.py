@@ -1,4 +1,4 @@
-"""The weights w of norm terms in one step: constants, or a law w(p, |s|) with the forces p of limits and the slips s.
+"""Weights w of the terms w_i |s_i| in one step: constants, or a law w(p, |s|) with the forces p of limits D d <= e.
 
 A law may define its *slope* J = dw/dp, while dw/d|s| is computed by differences. A solution of a step, with forces p*
 and slips s*, also solves the convex program with the constant weights w(p*, |s*|).

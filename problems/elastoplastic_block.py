@@ -33,7 +33,7 @@ where p.N = P. The cone of a cell has three components.
 block are uniform. If S_yy = -S_xx, then S_zz and p_2 are zero, and the load alone determines s = sqrt 2 (S_xx, 0, S_xy)
 in the basis. Each step is the *return mapping*
 
-$$ P_n = P_{n-1} + (1 - R / |q|)_+ q / H, \qquad q = s_n - H P_{n-1}. $$
+$$ P_n = P_{n-1} + (1 - R / |z|)_+ z / H, \qquad z = s_n - H P_{n-1}. $$
 
 Let play_R(x) stay within R of x, and change only if it must. Under shear alone, S_xy = tau, the return mapping is
 p_3 = play_R(sqrt 2 tau) / H. The shear strain gamma = tau / mu + sqrt 2 p_3 has no error in time if tau is monotone

@@ -1,7 +1,7 @@
 r"""A press fit of two rings: the pressure between the rings is Lame's.
 
 Two rings a < r < b and b < r < c are in plane stress; a quarter of them is computed. The outer radius of the inner ring
-exceeds the inner radius of the outer ring by the interference delta, modelled as the gap -delta t between the rings.
+exceeds the inner radius of the outer ring by the interference delta. At time t, the gap between the rings is -t delta.
 The inner ring has the constants E_1 and nu_1, the outer ring E_2 and nu_2. Let p be the pressure between the rings. At
 r = b the inner ring shrinks by the first of the following lengths, and the outer ring widens by the second (Lame 1852;
 Timoshenko and Goodier, *Theory of Elasticity*, 28):

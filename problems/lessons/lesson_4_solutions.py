@@ -54,10 +54,11 @@ one, hundred = pull_chain([0.0, 1.0]), pull_chain(np.linspace(0.0, 1.0, 101))
 assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 
 # %% [markdown]
-# **3.** $c\,\dot u$ becomes $c\,s/k$ with $s = u - u_{n-1}$, and the program gets the term $\tfrac{c}{2k} s^2$. A
-# square does not scale like a seminorm, so $k$ stays in the program, and the speed of the load matters. The energy
-# balance gets the term $c\,s^2/k$, the energy lost in the damper. The sum of this term over all steps does not tend to
-# zero as $k$ tends to zero. One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
+# **3.** Let $c$ be the constant of the damper, and $k$ the time step. The force $c\,\dot u$ becomes $c\,s/k$ with
+# $s = u - u_{n-1}$, and the program gets the term $\tfrac{c}{2k} s^2$. A square does not scale like a seminorm, so $k$
+# stays in the program, and the speed of the load matters. The energy balance gets the term $c\,s^2/k$, the energy lost
+# in the damper. The sum of this term over all steps does not tend to zero as $k$ tends to zero. One step minimises
+# $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + w|u - u_{n-1}|$:
 
 
 # %%
@@ -108,7 +109,7 @@ def first_loading(U):
 assert np.abs(branch - (first_loading(up)[-1] - 2 * first_loading((2.0 - down) / 2))).max() < 20 * 2 * 121 * 2.2e-16
 
 # %% [markdown]
-# **5.** The condition says that the start is in equilibrium, with forces that friction can carry:
+# **5.** Condition (2.1) of the paper says that the start is in equilibrium, with forces that friction can carry:
 # $\ell(0) - a(u_0, \cdot)$ is a subgradient of $j$ at zero. Otherwise the state would jump at $t = 0$, but solutions of
 # (2.3) are Lipschitz continuous in time. `march` takes one step at the first instant, and refuses a start that moves.
 

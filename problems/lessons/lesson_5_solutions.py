@@ -33,7 +33,8 @@ def active_sets(program, gamma, rounds=40, start=None):
 # %% [markdown]
 # **1.** The solution for the guess (back, forward) has $u_2 = -1$, so $\hat\lambda_2 = 1 - \gamma_2$. The next guess
 # for block 2 is "sticks" if $\gamma_2 \le 2$. The solution for the guess (back, back) has
-# $\hat\lambda_2 = -1 + \gamma_2$, and the condition is the same. So the guesses cycle for $\gamma_2 > 2$.
+# $\hat\lambda_2 = -1 + \gamma_2$, and leads to "sticks" under the same condition. So the guesses cycle for
+# $\gamma_2 > 2$.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))

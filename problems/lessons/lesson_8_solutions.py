@@ -1,5 +1,5 @@
 # %% [markdown]
-"""# Solutions to the exercises of lesson 8"""
+"""# Solutions to the exercises of lesson 8, your own effect"""
 
 # %%
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ mu = young / (2 * (1 + poisson))
 mesh = vx.meshes.voronoi(4)
 
 # %% [markdown]
-# **1.** The matrix of the dashpots is the matrix of springs with two stiffnesses. To test $c_t$ alone, shear the bar.
-# Hold the right side, forbid motion along $x$ on top and bottom, and pull the left side along $y$ by $p$. Then
-# $u = (0, U (1 - x))$, and the only stress is $\sigma_{xy} = -\mu U$, so $c_t \dot U + \mu U = p$. The answer must
-# not depend on $c_n$.
+# **1.** The dashpots have the damping $c_n$ for the normal and $c_t$ for the tangential velocity. Springs with these
+# numbers as stiffnesses have the same matrix. To test $c_t$ alone, shear the bar. Hold the right side, forbid motion
+# along $x$ on top and bottom, and pull the left side along $y$ by $p$. Then $u = (0, U (1 - x))$, and the only stress
+# is $\sigma_{xy} = -\mu U$, so $c_t \dot U + \mu U = p$. The answer must not depend on $c_n$.
 
 
 # %%
@@ -64,8 +64,9 @@ for _normal in (0.0, 100.0):
     assert np.abs(_run.displacement[..., 0]).max() <= 1e-11 * p / mu
 
 # %% [markdown]
-# **2.** $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring term and a load term, and the package has an
-# effect for each term. The bar has the modulus $M$ of uniaxial strain. Let $U$ be the displacement of its left end.
+# **2.** The springs have the stiffness $\beta$, and the support moves by $u_0$. The work
+# $\int_\Gamma \beta (u_0 - u) \cdot v\, ds$ consists of a spring term and a load term, and the package has an effect
+# for each term. The bar has the modulus $M$ of uniaxial strain. Let $U$ be the displacement of its left end.
 # Then $M U = \beta (u_0 - U)$, so $U = \beta u_0 / (M + \beta)$. The displacement is linear in $x$, and the equation of
 # $U$ contains no rate, so the answer is exact on every mesh and for every step.
 

@@ -27,9 +27,7 @@ BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--quick", action="store_true", help="n = 64 instead of 256; the largest n is 128 instead of 707"
-    )
+    parser.add_argument("--quick", action="store_true", help="use smaller meshes and fewer steps")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--page", action="store_true", help="write the table and the picture to the page of benchmarks")
     arguments = parser.parse_args()

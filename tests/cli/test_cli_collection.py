@@ -59,7 +59,7 @@ def test_a_sequence_has_one_set_of_matrices_and_the_programs_of_its_steps(tmp_pa
         programs = sequence_from_npz(tmp_path / "all" / f"{one.name}.npz")
         assert [program.step for program in programs] == [2, 3, 4, 5, 6, 7, 8]
         assert all(program.operators is programs[0].operators for program in programs)
-        # The bounds depend on previous steps in their last digits.
+        # Previous steps change the last digits of the bounds.
         (low, high), (lowest, highest) = last.bounds, programs[-1].bounds
         assert max(low, lowest) <= min(high, highest)
         words = json.loads((tmp_path / "all" / f"{one.name}.json").read_text())

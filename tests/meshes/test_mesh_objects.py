@@ -213,7 +213,7 @@ def test_conversion_to_scikit_fem_and_back_restores_solids(name, kind):
 
 @pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
 def test_conversion_to_pyvista_and_its_files_restore_polyhedra(family, tmp_path):
-    """Read a compressed file and a text file of PyVista. PyVista reads a file of `write` and computes volumes."""
+    """Read a compressed file and a text file of PyVista. PyVista computes volumes from a file that `write` wrote."""
     pv = import_pyvista()
     mesh = vx.meshes.SPACE_FAMILIES[family](2, BOX, 1)
     mesh = mesh.with_cell_data("young", np.arange(mesh.n_cells)).with_boundary("half", lambda x: x[:, 1] < 3.0)

@@ -35,7 +35,7 @@ the third. For the fourth, (1) gives J(v) - J(u) >= |e|^2 / 2 >= 0. By (2), J(v)
 with the residual R(w) = l(w) - (sigma_0 + C eps(v), eps(w)), and J(u) <= J(v) - (R(w) / |w|)^2 / 2. *Proof.* Insert
 v = u + w and v = u - w in (1). So (sigma, eps(w)) = l(w) and R(w) = a(e, w). Then minimise J(v + s w) over numbers s.
 
-**Theorem 3** (:mod:`.quantity`) is on quantities, and **Theorem 4** (:mod:`.whole_history`) on histories.
+**Theorem 3** (:mod:`.quantity`) bounds quantities. **Theorem 4** (:mod:`.whole_history`) bounds errors of histories.
 
 **The data.** The theorems hold for data that are linear on edges and in cells. For other data, a bound contains an
 estimate (:mod:`.reading`).

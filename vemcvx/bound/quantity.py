@@ -6,7 +6,7 @@ admissible. With the elastic tensor C and the prestress sigma_0, r = tau - sigma
 the defect of v and tau in the laws of friction and contact, and e = u - v.
 
 The dual pair is a displacement z_h with z_h = z_D := -u_D on the supports, and a stress tau_z in equilibrium with the
-load of q. The defect of the dual pair is r_z, with the norm A_z. The loads, friction and pressure in equilibrium with
+load of q. Let r_z = tau_z - C eps(z_h) have the norm A_z. The loads, friction and pressure in equilibrium with
 tau do the work T(z) on a displacement z. Then
 
     q(u)  =  q(v) + (tau_z, eps(e))                                              equilibrium of tau_z,

@@ -226,7 +226,7 @@ class Limits(Rows):
 
 @dataclass(frozen=True)
 class DraggedTerms:
-    """Terms w_i |c_i(t_n) - c_i(t_{n-1})| with prescribed positions c_i."""
+    """The q terms w_i |c_i(t_n) - c_i(t_{n-1})| with prescribed positions c_i."""
 
     position: Callable[[float], Floats]  # t -> (q * block,) positions c, relative to the ground
     weights: Callable[[float, Floats, Floats, Floats], Floats]  # (t, p, past, slip) -> (q,), as in a Law

@@ -238,7 +238,7 @@ class MirrorPlanes:
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        # Two normals with the angle t give the eigenvalue cos(t / 2)^2, about 1 - t^2 / 4.
+        # At the angle t between two normals, `0.5 * (one + other)` has the eigenvalue cos(t / 2)^2, about 1 - t^2 / 4.
         along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * DIRECTION_TOLERANCE**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found

@@ -7,12 +7,12 @@ true error is the distance from a reference run in the energy norm. The referenc
 refined until it is nowhere coarser than the finest uniform mesh. Then the cells with the largest estimated errors are
 refined twice.
 
-An adaptive run starts from a coarse mesh and one time step. Its seconds include all refinements. The table compares the
-two finest uniform runs with the smallest adaptive runs that are at least as accurate. The column "limit" has the number
-of cells of the best mesh, divided by the number of cells of the uniform mesh. The best mesh has no stretched cells, and
-all of its cells have the same error. Suppose that a cell of the area |K| has the error e_K = sqrt(c) |K|, where c
-depends on the place. The sum S of all e_K is then the integral of sqrt(c) on every mesh. The best mesh of n cells has
-the errors e_K = S / n and the total error E = S / sqrt(n), so that n = S^2 / E^2.
+An adaptive run starts from a coarse mesh and one time step. The measured seconds include all refinements. The table
+compares the two finest uniform runs with the smallest adaptive runs that are at least as accurate. The column "limit"
+has the number of cells of the best mesh, divided by the number of cells of the uniform mesh. The best mesh has no
+stretched cells, and all of its cells have the same error. Suppose that a cell of the area |K| has the error
+e_K = sqrt(c) |K|, where c depends on the place. The sum S of all e_K is then the integral of sqrt(c) on every mesh. The
+best mesh of n cells has the errors e_K = S / n and the total error E = S / sqrt(n), so that n = S^2 / E^2.
 """
 
 from __future__ import annotations

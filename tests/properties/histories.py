@@ -57,9 +57,9 @@ def steps_are_stable(case, data, size, seed):
 def forces_scale_the_answer(case, power, numerator):
     """Loads c f and weights c w with c > 0 give the state c y, exactly if c is a power of two.
 
-    Loads f and weights w have 24 binary digits. If c is no power of two, c has at most 10 digits. So c f and c w are
-    exact. The scaled state c y_n and the answer y^c_n approximate the same exact solution. Their distance is at most
-    the sum of the certified errors of both runs so far, because steps do not enlarge errors.
+    Loads f and weights w have 24 binary digits. If c is no power of two, c has at most 10 binary digits. So c f and c w
+    are exact. The scaled state c y_n and the answer y^c_n approximate the same exact solution. Their distance is at
+    most the sum of the certified errors of both runs so far, because steps do not enlarge errors.
     """
     plain = marched(case, NEWTON)
     doubled = case.times_forces(2.0**power).march(NEWTON, check=False)

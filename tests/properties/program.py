@@ -47,11 +47,12 @@ def objective_is_strongly_convex(case, size, seed, share):
 def answers_obey_the_law_of_friction(case, exponent, which):
     """Multipliers obey |lam_i| <= w_i, K y + B'lam = f up to the certified error, and sum w|s| - lam.s <= gap.
 
-    Each summand of the gap is between 0 and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and
-    w|s| - lam.s <= gap. By theorem 2 (:mod:`vemcvx.program.certificate`), the certified gap may belong to
-    d - v instead of the increment d, with |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at
-    most 2w |B v|. Here |B_i v| is at most |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of
-    stored states. In blocks of two components, |lam| <= w holds up to the rounding of a division and a root.
+    Here y is the state, f the load, s the slip of a step, and w are the weights. Each summand of the gap is between 0
+    and the gap. So |f - B'lam - K y|_{K^-1} <= sqrt(2 gap), and w|s| - lam.s <= gap. By theorem 2
+    (:mod:`vemcvx.program.certificate`), the certified gap may belong to d - v instead of the increment d, with an
+    energy norm |v|_K <= error / 2. The slip s then changes by B v, and w|s| - lam.s by at most 2w |B v|. |B_i v| is at
+    most |v|_K times the root of `norm_flexibility`. Bounds include rounding errors of stored states. In blocks of two
+    components, |lam| <= w holds up to the rounding of a division and a root.
     """
     solver = {"N": vx.Newton, "C": vx.Clarabel}[which](accuracy=10**-exponent)
     run = marched(case, solver)

@@ -65,6 +65,6 @@ def test_probes_are_exact_for_linear_fields_and_at_nodes(name):
     assert np.array_equal(at.cells @ np.arange(mesh.n_cells), np.arange(mesh.n_cells))
     rough = np.random.default_rng(2).normal(size=(1, mesh.n_nodes, 3))
     assert np.array_equal(places(mesh, mesh.points, "test").at_nodes(rough), rough)
-    # On an edge every function is linear.
+    # Virtual functions are linear on edges.
     found = places(mesh, edges, "test").at_nodes(rough)
     assert np.abs(found - (0.3 * rough[:, first] + 0.7 * rough[:, second])).max() < 1e-13

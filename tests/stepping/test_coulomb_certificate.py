@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 
 def wedge(coefficient, power=None):
-    """Return a slider with the displacement u and the pressure p = 1 + .9 u. If it slips, u = 3.5 - w(p) at t = 1."""
+    """Return a slider at u, with the pressure p = 1 + .9 u and the bound w(p) at t = 1. If it slips, u = 3.5 - w(p)."""
 
     def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)
@@ -100,7 +100,6 @@ STEEL = {"push": 0.5, "mu": 0.2, "young": 210e9, "press": 60e6}
     ids=["Newton", "steel in SI units", "Clarabel", "OSQP, polished"],
 )
 def test_a_body_held_by_friction_and_contact_needs_few_iterations(given, size, solver, most):
-    """The reaction of the floor balances the load."""
     mesh = vx.meshes.squares((6, 6) if size[0] == size[1] else (4, 1), box=((0, size[0]), (0, size[1])))
     history = vx.simulate(resting(**given), mesh, [0.0, 0.5, 1.0], initial="settled", solver=solver)
     push, press = given.get("push", 0.29) * size[1], given.get("press", 1.0)

@@ -44,7 +44,7 @@ class SceneWarning(UserWarning):
     """The scene has a solution that may not be the intended one."""
 
 
-WARNING_FRACTION = 0.05  # Strains and relative jumps of initial states above this number cause a warning.
+WARNING_FRACTION = 0.05  # A run warns of larger strains, and of an initial state that jumps by a larger fraction.
 
 
 class NotAccepted(VemcvxError):

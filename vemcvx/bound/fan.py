@@ -1,6 +1,6 @@
 """The fan of a star-shaped polygon: triangles around a centre, each split at the centroid into three parts.
 
-Let c be the centre and x_i the vertices. The matrix B has the columns x_i - c and x_{i+1} - c. The map c + B x^ takes
+Let m be the centre and x_i the vertices. The matrix B has the columns x_i - m and x_{i+1} - m. The map m + B x^ takes
 points x^ of the reference triangle (0,0), (1,0), (0,1) to a triangle of the fan. Fields are quadratic on each part,
 with values at six *stations*: three corners, and three edge midpoints.
 

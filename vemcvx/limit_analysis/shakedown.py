@@ -25,7 +25,7 @@ from vemcvx.stepping import check_times, march
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Shakedown(ArrayRecord):
-    """Two bounds on the largest factor of a load cycle for which slip stops: m friction terms, T instants.
+    """Two bounds on the largest factor of a cycle for which slip stops. There are T instants and m friction terms.
 
     Attributes
     ----------

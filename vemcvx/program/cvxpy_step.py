@@ -2,9 +2,9 @@
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |s_i| <= t_i,   D d - v <= e
 
-The slips are s_i = B_i d - b_i. The unknowns are the increment d, bounds t_i on |s_i|, and excesses v_j of limits with
-compliances c_j > 0. For these limits, C = diag(c_j). Other limits have v_j = 0. The limits have the multiplier p, the
-dual of D d - v <= e. The slips have the multiplier lam:
+The slips are s_i = B_i d - b_i, and the limits are D_j d <= e_j. The unknowns are the increment d, bounds t_i on |s_i|,
+and excesses v_j of limits with compliances c_j > 0. For these limits, C = diag(c_j). Other limits have v_j = 0. The
+multiplier p of the limits is the dual of D d - v <= e. The slips have the multiplier lam:
 
 - If slips are vectors, |s_i| <= t_i is a second-order cone with the dual (w_i, -lam_i).
 - If slips are numbers, |s| <= t means s <= t and -s <= t. Then lam is the dual of s <= t minus the dual of -s <= t.

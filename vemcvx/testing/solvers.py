@@ -280,7 +280,7 @@ def does_not_move_without_a_load(case: Case) -> None:
 
 
 def answers_sliders_in_closed_form(case: Case) -> None:
-    """Check that sliders move by (1 - w / |q|)_+ q / k in a step, where q = load_n - k u_{n-1}."""
+    """Check that sliders move by (1 - w / |q|)_+ q / k with q = load_n - k u_{n-1}, stiffness k, friction bound w."""
     components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
     if components is None:
         return

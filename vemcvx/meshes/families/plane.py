@@ -131,7 +131,7 @@ def hexagons(
     columns, rows = cell_counts(n, rectangle, size, stretch=HEXAGON_WIDTH)
     x, y = rectangle.ticks(2 * columns, rows)
     line, half = np.indices((rows + 1, 2 * columns + 1))
-    # Zigzag lines separate rows of cells. Upright edges start at high nodes.
+    # Zigzag lines separate rows of cells. An upright edge joins a peak to the zigzag line above.
     high = (line + half) % 2 == 0
     flat = (line == 0) | (line == rows)
     ends = flat & ((half == 0) | (half == 2 * columns))

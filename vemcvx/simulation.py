@@ -102,7 +102,7 @@ def simulate(
     Raises
     ------
     SceneError
-        The scene or an argument is not valid, there is no bound, or `initial` violates (2.1) of Feng, Han and Huang.
+        The scene or an argument is wrong, no error bound exists, or `initial` violates (2.1) of Feng, Han and Huang.
     NotAccepted
         The solver does not accept the scene's program.
     NotCertified

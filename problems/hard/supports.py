@@ -72,7 +72,7 @@ CASES = (
         "no clamp, no friction",
         lambda: on(MESH, clamp=None, bound=None),
         REFUSAL,
-        "floats: 1 rigid motion meets neither a support nor friction: the translation (1, 0)",
+        "floats: neither a support nor friction prevents 1 rigid motion: the translation (1, 0)",
     ),
     Case(
         "no support at all", lambda: on(MESH, clamp=None, contact=None, bound=None), REFUSAL, "its loads do not balance"

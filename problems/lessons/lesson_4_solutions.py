@@ -73,7 +73,7 @@ def move_damped(loads, k, c=0.5):
 ramp = np.linspace(0.0, peak, 31)
 ends = [move_damped(ramp, k) for k in (1e-3, 1e-1, 1e3)]
 assert ends[0] < ends[1] < ends[2] <= walk(ramp)
-# At the slowest load the slider moves by 0.05 in 1000 s; the damper changes this distance by c * 0.05 / 1000 / K.
+# In a step of the slowest load, the slider moves by 0.05 in 1000 s. The damper holds it back by c * 0.05 / 1000 / K.
 assert walk(ramp) - ends[2] <= 0.5 * 0.05 / 1000 / K + 1e-15
 print(f"end positions for fast, slower and slow loads: {np.round(ends, 4)}; without a damper: {walk(ramp)}")
 

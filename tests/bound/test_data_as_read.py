@@ -179,7 +179,7 @@ def test_changes_between_instants_are_in_the_bound_and_in_a_warning(name, caplog
     with caplog.at_level("WARNING", logger="vemcvx"):
         bound = vx.error_bound(history)
     assert "error_bound: data" in caplog.text
-    assert "or are not linear there" in caplog.text
+    assert "or are not linear in time" in caplog.text
     at = np.searchsorted(fine.times, times - 1e-12)
     circle = circle_of(fine)
     for n in range(1, steps + 1):

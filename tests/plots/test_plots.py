@@ -262,7 +262,6 @@ def test_a_body_is_coloured_by_its_stress_with_arrows_of_contact_forces(history)
 
 
 def test_a_magnified_thin_layer_is_not_inverted():
-    """The width of the layer would allow the magnification 10,000."""
     press = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top")
     scene = vx.Scene(vx.Elasticity(210e9, 0.3), vx.Clamp(on="bottom"), press)
     history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])

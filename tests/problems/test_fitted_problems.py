@@ -9,7 +9,7 @@ import vemcvx as vx
 def test_the_fit_finds_the_bound_where_the_joint_slips_and_says_where_it_does_not():
     """The errors in the slipped part are at most three standard errors plus the bias of the regularisation.
 
-    The bias is at most the second difference of the true bound between neighbouring knots, .25 (pi / 8)^2 = .039.
+    The bias is at most .25 (pi / 8)^2 = .039, the second difference of the friction bound at three neighbouring knots.
     """
     history = vx.simulate(joint.scene(), joint.mesh(4), joint.times(8))
     found = joint.find_bounds(history)

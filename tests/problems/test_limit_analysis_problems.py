@@ -41,7 +41,7 @@ def test_the_mechanism_of_a_plate_is_a_turn_and_steps_find_equilibrium_only_belo
     exact, centre = limit_load.turning(contact.points[:, :2], limit_load.BOUND * contact.friction_lengths)
     assert found.factor == pytest.approx(exact, rel=1e-8)
     assert found.upper == pytest.approx(exact, rel=1e-8)
-    # The motion vanishes at the centre c, the minimiser of a bound. If the bound has an error e, c moves by O(sqrt(e)).
+    # The motion vanishes at the centre c, which minimises the load. If the load has an error e, c moves by O(sqrt(e)).
     assert found.motion[contact.nodes, 1] == pytest.approx(
         (contact.points[:, 0] - centre) / (limit_load.LENGTH / 2 - centre), abs=1e-4
     )

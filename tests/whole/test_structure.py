@@ -52,7 +52,7 @@ HEAVY = {
 }
 """Heavy packages, and the only files that may import them."""
 
-LINES = {"program": 1_976, "solvers": 1_225, "stepping": 1_652, "linear": 886, "scene": 1_744, "effects": 2_120}
+LINES = {"program": 1_976, "solvers": 1_225, "stepping": 1_652, "linear": 887, "scene": 1_744, "effects": 2_120}
 LINES |= {"exchange": 646, "testing": 905, "cli/collection": 952}
 LINES |= {"bound": 2_595, "results": 2_402, "estimate": 1_752, "plots": 1_701}
 LINES |= {"limit_analysis": 398}

@@ -45,7 +45,7 @@ class Cost:
     mesh: Annotated[str | None, typer.Option(metavar="A,B,...", help="Families of meshes.")] = None
     n: Annotated[str | None, typer.Option("--n", metavar="N,...", help=CELLS)] = None
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32"
-    solver: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: newton, others)")] = None
+    solver: Annotated[str | None, typer.Option(metavar="A,B,...", help="Solvers. (default: newton and others)")] = None
     accuracy: Annotated[str | None, typer.Option(metavar="X,...", help="Accuracies of a step. (default: 1e-8)")] = None
     target: Annotated[str | None, typer.Option(metavar="X,...", help="Target errors of adaptive runs.")] = None
     workers: Annotated[int, typer.Option(min=1, help="Number of parallel processes.")] = 2

@@ -77,8 +77,8 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     soft = (operators.compliance > 0).any()
     if slope is None or operators.block > 2 or operators.kernel is not None or soft:
         raise ProgramError(
-            f"{words}here weights do not follow the pressure, limits are soft, or only friction and limits hold the "
-            "body; write .npz, .mtx, .cbf or .mps."
+            f"{words}in this program, weights do not follow the pressure, limits are soft, or only friction and limits "
+            "hold the body; write .npz, .mtx, .cbf or .mps."
         )
     pairs = sp.csc_matrix(slope)
     pairs.eliminate_zeros()

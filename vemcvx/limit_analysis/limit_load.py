@@ -1,7 +1,7 @@
 r"""The limit load of bodies that friction and one-sided contact alone hold (docs/theory/limit_load_and_shakedown.md).
 
 Let N be the rigid motions that no support prevents, f_0 the loads of the scene, and f the load to multiply. A motion u
-has slips B u and approaches D u. At contact forces p, friction lam has the bound w + J p. The largest alpha satisfies
+has slips B u and approaches D u. At contact forces p, friction lam has the bound w + J p. We maximise alpha:
 
     N'(B'lam + D'p) = N'(f_0 + alpha f),     |lam_i| <= w_i + (J p)_i,     p >= 0.
 """

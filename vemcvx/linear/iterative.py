@@ -130,8 +130,9 @@ def bound_lowest_eigenvalue(K: sp.csr_matrix, cycle: Callable[[Floats], Floats],
 
     Let xi be the least Ritz value after k steps from a random direction in R^n, and 0 < eps < 1. All eigenvalues are at
     least 1 - (1 - xi) / (1 - eps), except with a probability below p = 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1))
-    (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). The root of the condition number of M
-    multiplies p, because our direction is random in the Euclidean norm. We set this root to 1e8, and 1e8 p to 1e-9.
+    (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for 1 - MK). Our direction is
+    random in the Euclidean norm, so the probability is below p times the root of the condition number of M. We set this
+    root to 1e8, and 1e8 p to 1e-9.
     """
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / 1e-9)
     diagonal: list[float] = []

@@ -83,7 +83,7 @@ def _bars(ax: Axes, x: Floats, between: Floats, colour: str) -> None:
     known = np.isfinite(between).all(axis=1)
     low, high = between[known].T
     bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "elinewidth": 1.4, "capsize": 2.5}
-    ax.errorbar(x[known], 0.5 * (low + high), yerr=0.5 * (high - low), label="exact, by theorem", **bars)
+    ax.errorbar(x[known], 0.5 * (low + high), yerr=0.5 * (high - low), label="guaranteed bounds", **bars)
 
 
 def _certificates(ax: Axes, history: Results) -> None:
@@ -221,7 +221,7 @@ SUFFIXES = ".png", ".svg", ".pdf"
 
 
 def omissions(history: Results) -> list[str]:
-    """Return a sentence for each picture in space that cannot be drawn."""
+    """Return a sentence for each picture of a body in space that cannot be drawn."""
     if _is_plane(history):
         return []
     around = len(history.contact.nodes) > 0 and not _has_faces(history)

@@ -332,7 +332,7 @@ class ActingForces:
         else:
             raise SceneError(
                 f"{subject}: found {brief(of)}; wanted the name of a boundary, an effect, or a class of effects. A "
-                "class needs the scene, which files do not keep."
+                "history that was read from files knows no classes."
             )
         if not found:
             raise SceneError(

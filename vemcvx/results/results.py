@@ -475,8 +475,8 @@ def programs_of_steps(history: Results, numbers: Sequence[int], condense: bool =
     """Return the programs of some steps, or raise HistoryError."""
     if history.scene is None:
         raise HistoryError(
-            "program: the scene of the history is unknown, because the history was read from files or joined. Use one "
-            "of its stages, simulate again, or call vemcvx.programs(scene, mesh, times)."
+            "program: the scene of the history is unknown, because the history was read from files or joined. Use "
+            "a stage of a joined history, simulate again, or call vemcvx.programs(scene, mesh, times)."
         )
     with suppress_scene_warnings():
         posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())

@@ -64,8 +64,8 @@ def _describe_rigid(mode: Floats, directed: bool) -> str:
 
 # A piece is a set of cells joined along edges, in space along faces. Pieces may share single nodes. R_q c_q is a rigid
 # motion of piece q. The diagonal matrix W has the number of pieces at each node. If a support or a joint connects two
-# nodes, we assume equal entries of W. F is the stiffness of springs. The displacements v = P y fulfil
-# the supports. The squared distance between the motions R_q c_q and the nearest v is
+# nodes, we assume that W is equal at both. F is the stiffness of springs. The displacements v = P y fulfil the
+# supports. The squared distance between the motions R_q c_q and the nearest v is
 #
 #     sum_q |R_q c_q|^2 - |P'W^{-1/2} sum_q R_q c_q|^2.
 #

@@ -185,7 +185,7 @@ class _Deck:
         instance = (self.spell(inside[0]) if inside else instance) or self.scope
         known = self.numbers[instance, kind]
         if of.isdigit():
-            if kind == "NSET" and int(of) not in known:  # a note already lists unread elements
+            if kind == "NSET" and int(of) not in known:
                 self.unread.append(f"nodes of {self.spell(name)} that do not exist")
             return [known[int(of)]] if int(of) in known else []
         if self.spell(of) not in self.sets[kind]:

@@ -159,19 +159,12 @@ def fit(
     """
     from scipy.optimize import least_squares
 
-    start, shape = read_parameters(theta_0, "fit: theta_0"), check_times(times).shape
-    if not isinstance(measured, Mapping) or not measured:
-        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
-    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
-    of, known, count = tuple(measured), ~np.isnan(m), len(start)
-    names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
-    if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
-        raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
+    start = read_parameters(theta_0, "fit: theta_0")
+    m, of, count = _read_measured(measured, check_times(times).shape), tuple(measured), len(start)
+    known, names = ~np.isnan(m), _read_names(names, count)
     low, high = as_shaped_array(bounds, "fit: bounds", "smallest and largest parameters", (2,), (2, count))
     L = np.zeros((0, count)) if penalty is None else as_real_array(penalty, "fit: penalty", "an array (k, P)")
     L = as_shaped_array(L, "fit: penalty", f"rows of {count} numbers", (L.size // max(count, 1), count))
-    if not known.any():
-        raise SceneError("fit: found no measured value.")
     if noise is None and known.sum() <= count and not len(L):
         raise SceneError(f"fit: {known.sum()} values cannot determine {count} parameters and the noise; give noise=.")
     sigma = _read_noise(noise, of, m)
@@ -215,12 +208,29 @@ def fit(
         noise=dict(zip(of, (spread * sigma).tolist(), strict=True)),
         values=dict(zip(of, best.values, strict=True)),
         measured=dict(zip(of, m, strict=True)),
-        names=tuple(names),
+        names=names,
         history=best.history,
         misfit=None if noise is None else misfit,
         runs=run.cache_info().misses,
         ending=found.message,
     )
+
+
+def _read_measured(measured: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:
+    """Return the measurements (Q, N + 1)."""
+    if not isinstance(measured, Mapping) or not measured:
+        raise SceneError(f"fit: found measured = {brief(measured)}; wanted a dict of names to values.")
+    m = np.array([as_shaped_array(row, f"fit: {name}", f"values {shape}", shape) for name, row in measured.items()])
+    if np.isnan(m).all():
+        raise SceneError("fit: found no measured value.")
+    return m
+
+
+def _read_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    names = tuple(f"theta[{j}]" for j in range(count)) if names is None else names
+    if not isinstance(names, (list, tuple)) or [type(name) for name in names] != [str] * count:
+        raise SceneError(f"fit: found names = {brief(names)}; wanted a name for each of {count} parameters.")
+    return tuple(names)
 
 
 def _read_noise(noise: float | Mapping[str, float] | None, of: Sequence[str], m: Floats) -> Floats:
